@@ -1,0 +1,54 @@
+# A fresh clone needs Python 3.11 or newer and make, nothing else: the targets set .venv up themselves.
+
+DEMO_SECONDS ?= 60
+
+BIN := .venv/bin
+PIP := $(BIN)/pip --disable-pip-version-check
+
+.PHONY: help demo test lint figures
+
+help:
+	@echo "make demo     manager and vehicles as two processes, 6,000 veh/h, DEMO_SECONDS=$(DEMO_SECONDS) simulated seconds"
+	@echo "make test     every test"
+	@echo "make lint     ruff, mypy, import-linter"
+	@echo "make figures  the measured tables of docs/results; takes hours"
+
+demo: .venv/installed
+	@$(BIN)/python deploy/demo.py --seconds $(DEMO_SECONDS)
+
+test: .venv/installed-dev
+	$(BIN)/pytest
+
+lint: .venv/installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+figures: .venv/installed
+	$(BIN)/python tests/load/sweep.py
+
+# SUMO's wheels leave a few libraries to the system; a server without a display may lack them.
+SUMO_LOADS = $(BIN)/python -c 'import libsumo' 2>/dev/null || { \
+	echo "make: SUMO lacks a system library (Debian, Ubuntu: apt install" \
+		"libatomic1 libgl1 libx11-6 libxext6 libxrender1)" >&2; exit 1; }
+
+# The stamps: what is installed follows pyproject.toml.
+.venv/installed: pyproject.toml | .venv/bin/pip
+	$(PIP) install --editable .
+	@$(SUMO_LOADS)
+	@touch $@
+
+.venv/installed-dev: pyproject.toml | .venv/bin/pip
+	$(PIP) install --editable '.[dev]'
+	@$(SUMO_LOADS)
+	@touch .venv/installed $@
+
+# The first Python on PATH that is new enough and can make a virtual environment.
+.venv/bin/pip:
+	@for python in python3 python3.14 python3.13 python3.12 python3.11 python; do \
+		$$python -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
+			&& echo "$$python -m venv .venv" && exec $$python -m venv .venv; \
+	done; \
+	echo "make: needs Python 3.11 or newer with venv on PATH (Debian, Ubuntu: apt install python3-venv)" >&2; \
+	exit 1

@@ -1,0 +1,58 @@
+"""The rules of motion that both sides obey: the interlock on every command, a vehicle on its own fallback.
+
+All are exact for a ballistic step: the speed goes linearly from v to u within dt, so the way is dt (v + u) / 2
+(`eq:eq_cons_3_1`). Each rule gives the largest u after which the vehicle can still do what the rule asks with
+its full deceleration; a negative result means that even braking fully is too late.
+Scalars in SI units; plain arithmetic, so the manager compiles these very functions.
+"""
+
+from __future__ import annotations
+
+import math
+
+STOP_OFFSET_M = 1.0
+"""An uncleared vehicle can always stop this far before the stop line."""
+REAR_GAP_M = 2.0
+"""Standing distance between bumpers, the paper's M_sr."""
+TURN_DECEL_MPS2 = 3.0
+"""A vehicle slows for a turn at this or its own deceleration, whichever is less."""
+UNABLE = -1.0
+"""What a rule answers where no speed satisfies it."""
+
+
+def brake_speed(room_m: float, v_mps: float, b_mps2: float, dt_s: float, end_mps: float) -> float:
+    """Largest u after which `end_mps` is reached within `room_m` when braking at b from then on.
+
+    From dt (v + u)/2 + (u^2 - end^2)/(2 b) <= room.
+    """
+    half = 0.5 * b_mps2 * dt_s
+    under = half * half + 2.0 * b_mps2 * (room_m - 0.5 * v_mps * dt_s) + end_mps * end_mps
+    if under < 0.0:
+        return UNABLE
+    return math.sqrt(under) - half
+
+
+def stop_speed(s_m: float, v_mps: float, b_mps2: float, dt_s: float) -> float:
+    """Rule 1: an uncleared vehicle can stop `STOP_OFFSET_M` before the line."""
+    return brake_speed(s_m - STOP_OFFSET_M, v_mps, b_mps2, dt_s, 0.0)
+
+
+def turn_speed(s_m: float, v_mps: float, b_mps2: float, dt_s: float, turn_mps: float) -> float:
+    """Rule 3: the turning speed is reached by the stop line, and held beyond it."""
+    if s_m <= 0.0:
+        return turn_mps
+    return max(turn_mps, brake_speed(s_m, v_mps, min(TURN_DECEL_MPS2, b_mps2), dt_s, turn_mps))
+
+
+def follow_speed(
+    gap_m: float, v_mps: float, b_mps2: float, lead_v_mps: float, lead_b_mps2: float, dt_s: float
+) -> float:
+    """Rule 2: the follower can stop behind its leader even if the leader brakes fully from now on.
+
+    `gap_m` is bumper to bumper less `REAR_GAP_M`. With b* = min(b_y, b_x) (max would be unsafe),
+    v_l = max(0, v_x - b_x dt), R = gap - v dt/2 + dt (v_x + v_l)/2 + v_l^2/(2 b_x).
+    """
+    b = min(b_mps2, lead_b_mps2)
+    lead_next = max(0.0, lead_v_mps - lead_b_mps2 * dt_s)
+    room = gap_m + 0.5 * dt_s * (lead_v_mps + lead_next) + lead_next * lead_next / (2.0 * lead_b_mps2)
+    return brake_speed(room, v_mps, b, dt_s, 0.0)

@@ -1,0 +1,157 @@
+"""When a control cycle begins: on an absolute 100 ms grid of the epoch, or when the simulator says so.
+
+Both clocks hand out a `Tick`: the control cycle, its time and every message that arrived for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from gameopt_im.inbox import Raw, split_steps
+from gameopt_wire import codec
+from gameopt_wire.messages import STEP_S, Step
+
+CYCLES_PER_S = round(1 / STEP_S)
+LONGEST_WAIT_S = 2.0 * STEP_S + 1e-6
+"""A longer wait than this for the next control cycle means that the clock has been set back."""
+
+
+class Source(Protocol):
+    """Where messages come from; the bus is one."""
+
+    def drain(self) -> list[Raw]:
+        """All messages since the last call, in the order they came."""
+
+    async def arrival(self) -> None:
+        """Returns once there is something to drain."""
+
+
+class Tick(NamedTuple):
+    """The beginning of a control cycle; `restarted` says that lock-step time has begun anew."""
+
+    cycle: int
+    time_s: float
+    messages: list[Raw]
+    restarted: bool = False
+
+
+class Upcoming(NamedTuple):
+    """The next control cycle and how many were missed before it."""
+
+    cycle: int
+    missed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """The grid: control cycle k is for time k * 100 ms of the epoch and is due `collect_s` after it.
+
+    Positions are computed from k alone, never from the previous tick, so they cannot drift.
+    """
+
+    collect_s: float = 0.0
+
+    def time_s(self, cycle: int) -> float:
+        """The grid point of a control cycle."""
+        return cycle / CYCLES_PER_S
+
+    def due_s(self, cycle: int) -> float:
+        """When its decision begins."""
+        return self.time_s(cycle) + self.collect_s
+
+    def after(self, now_s: float, last: int | None) -> Upcoming:
+        """The first control cycle after `last` that is still to come at `now_s`.
+
+        Those whose moment has passed are missed; none is made up for. A clock set back by more than a control
+        cycle starts anew, or it would stand still until the old time is reached.
+        """
+        cycle = int((now_s - self.collect_s) * CYCLES_PER_S) - 1
+        while self.due_s(cycle) <= now_s:
+            cycle += 1
+        if last is None or cycle < last:
+            return Upcoming(cycle, 0)
+        cycle = max(cycle, last + 1)
+        return Upcoming(cycle, cycle - last - 1)
+
+
+class WallClock:
+    """Control cycles on the grid of the wall clock; `missed` counts those that never began."""
+
+    def __init__(
+        self,
+        source: Source,
+        collect_s: float,
+        now: Callable[[], float] = time.time,
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
+        self.missed = 0
+        self.rejected: Counter[str] = Counter()
+        self._source = source
+        self._grid = Grid(collect_s)
+        self._now = now
+        self._sleep = sleep
+        self._last: int | None = None
+
+    async def next_cycle(self) -> Tick:
+        """Sleeps until the next control cycle is due."""
+        cycle = self._plan()
+        while (late_s := self._now() - self._grid.due_s(cycle)) < 0.0 or late_s >= STEP_S:
+            if -LONGEST_WAIT_S <= late_s < 0.0:
+                await self._sleep(-late_s)
+            else:  # set back, or slept through all of it, as a suspended process does
+                cycle = self._plan()
+        self._last = cycle
+        messages, _ = split_steps(self._source.drain())
+        return Tick(cycle, self._grid.time_s(cycle), messages)
+
+    def _plan(self) -> int:
+        cycle, missed = self._grid.after(self._now(), self._last)
+        self.missed += missed
+        self._last = cycle - 1  # all before it are settled
+        return cycle
+
+
+class LockStep:
+    """Control cycles when a `Step` has come and so have all the messages it counts, valid or not.
+
+    Whatever else is on the network, as the rest of a simulator that was killed, is taken along uncounted.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self.missed = 0
+        self.rejected: Counter[str] = Counter()
+        self._source = source
+        self._messages: list[Raw] = []
+        self._step: Step | None = None
+        self._last: int | None = None
+
+    async def next_cycle(self) -> Tick:
+        """Waits for the simulator."""
+        while (tick := self.take(self._source.drain())) is None:
+            await self._source.arrival()
+        return tick
+
+    def take(self, arrived: list[Raw]) -> Tick | None:
+        """Adds what has arrived; the control cycle, once it is complete."""
+        messages, steps = split_steps(arrived)
+        self._messages += messages
+        for raw in steps:
+            try:
+                self._step = codec.STEP.decode(raw.payload)  # the newest holds: an older simulator is gone
+            except codec.Rejected as rejected:
+                self.rejected[rejected.reason] += 1
+        step = self._step
+        if step is None or sum(_counts(raw, step.cycle) for raw in self._messages) < step.messages:
+            return None
+        tick = Tick(step.cycle, step.time_s, self._messages, self._last is not None and step.cycle <= self._last)
+        self._messages, self._step, self._last = [], None, step.cycle
+        return tick
+
+
+def _counts(raw: Raw, cycle: int) -> bool:
+    return raw.kind != "gone" and raw.step in (None, cycle)

@@ -1,0 +1,1 @@
+"""Pure functions of a snapshot: no clock, no files, no network, no solver."""

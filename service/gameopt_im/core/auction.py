@@ -1,0 +1,205 @@
+"""The sponsored-search auction: allocation, payment, utility, overflow transfers, candidate sequences.
+
+Turns are the items, and turn k is worth alpha_k to whoever gets it. Ties go by index, which is the order of
+arrival, then of id (`Snapshot`). Bids, values and payments share the master bid's scale, without unit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gameopt_im.core.conflicts import OUTSIDE
+from gameopt_im.core.snapshot import Floats, Ints
+
+
+def allocate(bids: Floats) -> Ints:
+    """(n,) the order of crossing: the i-th highest bid gets the i-th most valuable turn, ties by index."""
+    return np.argsort(-bids, kind="stable")
+
+
+def slot_values(n: int, ratio: float) -> Floats:
+    """(n,) alpha_k = ratio^(k-1), strictly decreasing for 0 < ratio < 1; alpha_{n+1} is taken as 0."""
+    return np.asarray(ratio ** np.arange(n, dtype=np.float64))
+
+
+def prices(bids: Floats, alpha: Floats) -> Floats:
+    """(n,) payment per turn, the second term of `eq: utility_template`.
+
+    `bids` (n,) in the order of the turns. Turn i pays sum_{j=i}^{n} b_{j+1} (alpha_j - alpha_{j+1}) with
+    b_{n+1} = alpha_{n+1} = 0: what its holder costs those behind, each of whom would move up by one.
+    """
+    steps = np.append(bids[1:], 0.0)[: len(bids)] * -np.diff(alpha, append=0.0)
+    return np.cumsum(steps[::-1])[::-1]
+
+
+def utility(value: float, turn: int, bids: Floats, alpha: Floats) -> float:
+    """`eq: utility_template`: what a turn (from 0) is worth to a vehicle of this value, less its payment."""
+    return float(value * alpha[turn] - prices(bids, alpha)[turn])
+
+
+def transfer_bound(value: float, early: int, late: int, bids: Floats, alpha: Floats) -> float:
+    """The most a vehicle may give away of its value and still gain (`thm: overflow`); a smaller gift pays.
+
+    The giver (value zeta) is held at turn `late` by a lower bid ahead of it in its lane; its gift brings it
+    to turn `early`. `bids` (n,) are those of the turns as they are after the gift, the giver's at `early` and
+    those of the vehicles it passed at early+1 .. late. Turns count from 0. With e = early, the bound is
+    zeta (1 - alpha_late / alpha_e) - sum_{s=e}^{late-1} b_{s+1} (alpha_s - alpha_{s+1}) / alpha_e:
+    what it gains by the earlier turn less what that costs more, per unit of the turn's value.
+    """
+    passed = bids[early + 1 : late + 1] @ (alpha[early:late] - alpha[early + 1 : late + 1])
+    return float(value * (1.0 - alpha[late] / alpha[early]) - passed / alpha[early])
+
+
+def transfer(giver: float, receiver: float, amount: float) -> tuple[float, float]:
+    """The paper's (a, b) with a giving c to b: (a - c, b + c)."""
+    return giver - amount, receiver + amount
+
+
+PASS_SIZE = 12_000
+"""Givers times vehicles handled in one pass: arrays this small are not given back to the system each time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Queues:
+    """Who stands behind whom in the lanes.
+
+    `slots` (L, D): the vehicles of each lane, front first, n where a lane has no more. `lane` (n,) is a
+    vehicle's row there and `place` (n,) its column, the number of vehicles ahead of it.
+    """
+
+    slots: Ints
+    lane: Ints
+    place: Ints
+
+
+def queues(lane: Ints, s: Floats) -> Queues:
+    """The queues of n vehicles from their lanes and distances to the stop line (m), ties by index."""
+    n = len(lane)
+    front = np.lexsort((s, lane))
+    names, row, length = np.unique(lane, return_inverse=True, return_counts=True)
+    place = np.empty(n, dtype=np.int64)
+    place[front] = np.arange(n) - np.repeat(np.cumsum(length) - length, length)
+    slots = np.full((len(names), int(length.max(initial=0))), n, dtype=np.int64)
+    slots[row, place] = np.arange(n)
+    return Queues(slots, row.astype(np.int64), place)
+
+
+def _ranks(bids: Floats) -> Ints:
+    """(K, n) place of each vehicle by bid alone, 0 for the highest; ties by index, so no two are equal."""
+    order = np.argsort(-bids, axis=1, kind="stable")
+    ranks = np.empty_like(order)
+    np.put_along_axis(ranks, order, np.broadcast_to(np.arange(bids.shape[1]), bids.shape), axis=1)
+    return ranks
+
+
+def _held(ranks: Ints, lines: Queues) -> Ints:
+    """(K, n) the rank a vehicle really has: the worst from the head of its lane down to itself."""
+    padded = np.concatenate([ranks, np.full((len(ranks), 1), -1, dtype=np.int64)], axis=1)
+    worst = np.maximum.accumulate(padded[:, lines.slots], axis=2)
+    return worst[:, lines.lane, lines.place]
+
+
+def _merged(held: Ints, lines: Queues) -> Ints:
+    """(K, n) orders: by the rank each is held at; vehicles held by the same one keep their lane's order."""
+    return np.argsort(held * np.int64(lines.slots.shape[1]) + lines.place, axis=1, kind="stable")
+
+
+def lane_orders(bids: Floats, lines: Queues) -> Ints:
+    """(K, n) orders that respect the lanes: repeatedly take, among lane heads, the largest bid.
+
+    Whoever is taken frees the next of its lane, so a vehicle goes when the lowest bid from the head of its
+    lane down to itself goes: sorting by that running worst rank is the same and needs no loop.
+    """
+    return _merged(_held(_ranks(bids), lines), lines)
+
+
+def with_transfers(bids: Floats, lines: Queues, group: Ints, ratio: float, share: float) -> Floats:
+    """(K, n) bids after overflow transfers (`thm: overflow`); the sum per weight vector stays what it was.
+
+    A vehicle held up by lower bids ahead of it in its lane gives away `share` of its bound, in equal parts to
+    those of its conflict group that outbid it by less. Its gain is counted as if all of them moved with it:
+    it would pass the vehicles of its group in other lanes whose held rank lies between its own rank and the
+    rank it is held at. `group` (n,) holds conflict groups; vehicles `OUTSIDE` give and get nothing.
+    """
+    ranks = _ranks(bids)
+    held = _held(ranks, lines)
+    row, giver = np.nonzero((ranks < held) & (group != OUTSIDE))
+    if share == 0.0 or not len(giver):
+        return bids
+    bound = _bounds(bids, lines, group, ratio, ranks=ranks, held=held, row=row, giver=giver)
+    ahead = lines.slots[lines.lane[giver]]
+    in_front = np.arange(ahead.shape[1]) < lines.place[giver, None]
+    mate = np.where(in_front, ahead, giver[:, None])
+    outbid = ranks[row[:, None], mate] > ranks[row, giver][:, None]
+    lower = in_front & outbid & (group[mate] == group[giver, None])
+    receivers = lower.sum(axis=1)
+    amount = np.where(receivers > 0, share * np.maximum(bound, 0.0), 0.0)
+    part = np.where(lower, (amount / np.maximum(receivers, 1))[:, None], 0.0)
+    n = bids.shape[1]
+    given = np.bincount(row * n + giver, amount, bids.size)
+    taken = np.bincount((row[:, None] * n + mate).ravel(), part.ravel(), bids.size)
+    return bids + (taken - given).reshape(bids.shape)
+
+
+def _bounds(
+    bids: Floats,
+    lines: Queues,
+    group: Ints,
+    ratio: float,
+    *,
+    ranks: Ints,
+    held: Ints,
+    row: Ints,
+    giver: Ints,
+) -> Floats:
+    """(R,) `transfer_bound` of R givers at once, `giver[r]` under weight vector `row[r]`.
+
+    With alpha_k = ratio^(k-1) only the differences of turns count: passing m vehicles of bids b_1 .. b_m
+    makes the bound zeta (1 - ratio^m) - sum_t b_t (1 - ratio) ratio^(t-1).
+    """
+    orders = _merged(held, lines)
+    held_by_turn = np.take_along_axis(held, orders, axis=1)
+    weighed_by_turn = np.take_along_axis(bids, orders, axis=1) * (1.0 - ratio)
+    group_by_turn, lane_by_turn = group[orders], lines.lane[orders]
+    alpha = slot_values(bids.shape[1] + 1, ratio)
+    bound = np.empty(len(giver))
+    size = 1 + PASS_SIZE // bids.shape[1]
+    for start in range(0, len(giver), size):
+        one = slice(start, start + size)
+        k, i = row[one], giver[one]
+        other = held_by_turn[k]
+        passed = (other > ranks[k, i][:, None]) & (other < held[k, i][:, None])
+        passed &= (group_by_turn[k] == group[i, None]) & (lane_by_turn[k] != lines.lane[i, None])
+        count = np.cumsum(passed, axis=1)
+        cost = np.where(passed, weighed_by_turn[k] * alpha[count - 1], 0.0)
+        bound[one] = bids[k, i] * (1.0 - alpha[count[:, -1]]) - cost.sum(axis=1)
+    return bound
+
+
+def distinct(orders: Ints, group: Ints) -> Ints:
+    """Indices of the first of each set of (K, n) orders that run every conflict group alike."""
+    by_group = np.take_along_axis(orders, np.argsort(group[orders], axis=1, kind="stable"), axis=1)
+    canonical = by_group[:, np.count_nonzero(group == OUTSIDE) :]
+    seen = {canonical[k].tobytes(): k for k in reversed(range(len(orders)))}
+    return np.array(sorted(seen.values()), dtype=np.int64)
+
+
+def sequences(bids: Floats, lines: Queues, group: Ints, ratio: float, share: float) -> list[Ints]:
+    """Candidate sequences, at most one per weight vector, distinct inside some conflict group.
+
+    Per vector and conflict group the lane-respecting order of the bids with transfers, merged into one order.
+    Taking the largest head over all lanes takes the largest of each group in turn, so one pass serves all.
+    """
+    orders = lane_orders(with_transfers(bids, lines, group, ratio, share), lines)
+    return [orders[k] for k in distinct(orders, group)]
+
+
+def prices_of_order(order: Ints, bids: Floats, group: Ints, ratio: float) -> Floats:
+    """(n,) what each vehicle pays for its turn in its own conflict group when `order` is run; 0 outside."""
+    charged = np.zeros(len(bids))
+    for label in np.unique(group[group != OUTSIDE]):
+        members = order[group[order] == label]
+        charged[members] = prices(bids[members], slot_values(len(members), ratio))
+    return charged

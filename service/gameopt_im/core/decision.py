@@ -1,0 +1,176 @@
+"""What a control cycle decides, between its snapshot and its commands: the pure steps, in their order.
+
+`settle` reads from the states what became of earlier offers; `picture` says who may do what; candidates are
+planned and solved elsewhere; `conclude` grants clearances and makes every speed safe.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gameopt_im.core import auction, interlock
+from gameopt_im.core.conflicts import Ground
+from gameopt_im.core.granting import NO_SLOT, Grants, grant, intrusions, refresh
+from gameopt_im.core.interlock import CLEARED, UNCLEARED, Limits
+from gameopt_im.core.parameters import Parameters
+from gameopt_im.core.planning import Bidders
+from gameopt_im.core.reservations import Book, Reservation, crossing_time
+from gameopt_im.core.snapshot import Floats, Ints, Snapshot
+from gameopt_wire.messages import STEP_S
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """Reservations whose vehicles have taken them, that have lapsed, and that have been left."""
+
+    accepted: tuple[Reservation, ...]
+    lapsed: tuple[Reservation, ...]
+    left: tuple[Reservation, ...]
+
+
+def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
+    """Bring the book up to date with what the vehicles say.
+
+    An offer lapses when a state from after its expiry does not name it. A vehicle that says nothing keeps its
+    ground until it is heard again or given up as lost: it may have taken the offer.
+    """
+    place = {vehicle: i for i, vehicle in enumerate(snapshot.ids)}
+    accepted, lapsed, left = [], [], []
+    for vehicle, reservation in list(book.held.items()):
+        i = place.get(vehicle)
+        if i is None or reservation.clearance == 0:
+            book.free(vehicle)
+            continue
+        if not reservation.accepted and int(snapshot.accepted[i]) == reservation.clearance:
+            book.accept(vehicle)
+            accepted.append(reservation)
+        x = -float(snapshot.s[i])
+        if book.held[vehicle].accepted:
+            through = x - reservation.length >= ground.clear[reservation.movement]
+            if through and x >= ground.length[reservation.movement] and not snapshot.silent[i]:
+                left.append(book.free(vehicle))
+        elif snapshot.time_s - float(snapshot.age[i]) > reservation.expires_s + 1e-6:
+            lapsed.append(book.free(vehicle))
+    return Settled(tuple(accepted), tuple(lapsed), tuple(left))
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """What the interlock allows each vehicle, and the cleared vehicles that have strayed from their profiles."""
+
+    limits: Limits
+    strayed: tuple[str, ...]
+
+
+def picture(snapshot: Snapshot, ground: Ground, book: Book, parameters: Parameters) -> Picture:
+    """Who may do what next; ground is held for any vehicle that may be in the zone without a clearance."""
+    limits = interlock.limits(snapshot, ground, interlock.phases(snapshot, ground, book), snapshot.age, parameters.exit)
+    strayed = refresh(snapshot, ground, book, limits, parameters)
+    for intrusion in intrusions(snapshot, limits):
+        book.held.setdefault(intrusion.vehicle, intrusion)
+    return Picture(limits, strayed)
+
+
+@dataclass(frozen=True, slots=True)
+class Winner:
+    """q*: the bidders' rows in crossing order, their slots (s from now) and speeds (m/s).
+
+    `number` is the weight vector it came from, -1 for the incumbent; `delay` its predicted weighted delay, s.
+    """
+
+    number: int
+    delay: float
+    order: Ints
+    slots: Floats
+    speeds: Floats
+    bids: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Conclusion:
+    """Safe speeds (n,) for every vehicle of the snapshot, the crossing order, and what was granted.
+
+    `slots` (n,) in s from the snapshot, NaN where a vehicle has none.
+    """
+
+    speeds: Floats
+    order: Ints
+    slots: Floats
+    grants: Grants
+
+
+def conclude(
+    snapshot: Snapshot,
+    ground: Ground,
+    book: Book,
+    limits: Limits,
+    who: Bidders,
+    winner: Winner | None,
+    parameters: Parameters,
+    next_clearance: int,
+    slotless: bool,
+) -> Conclusion:
+    """Grant clearances in the winner's order, then bound every planned speed by the interlock.
+
+    `slotless` is the paper's profile: a clearance is asked for only when rule 1 binds, and without a slot.
+    """
+    planned = np.minimum(snapshot.v_max, snapshot.v + snapshot.a_max * parameters.planner.accel_share * STEP_S)
+    slots = np.full(len(snapshot), np.nan)
+    order = np.empty(0, dtype=np.int64)
+    grants = Grants((), 0)
+    if winner is not None and len(who):
+        order = who.index[winner.order]
+        planned[who.index] = winner.speeds
+        slots[who.index] = winner.slots
+        asking = interlock.binds(planned, limits)
+        if not slotless:
+            asking |= slots < parameters.interlock.grant_ahead_s
+        aims = np.full(len(snapshot), NO_SLOT) if slotless else slots
+        grants = grant(snapshot, ground, book, limits, order, aims, asking, parameters, next_clearance)
+        _price(snapshot, book, who, winner, grants, parameters)
+    _follow_profiles(snapshot, book, limits, planned, slots)
+    held = [i for i, vehicle in enumerate(snapshot.ids) if vehicle in book.held]
+    held.sort(key=lambda i: crossing_time(book.held[snapshot.ids[i]], snapshot.cycle))
+    waiting = [i for i in order if snapshot.ids[i] not in book.held]
+    return Conclusion(
+        speeds=interlock.bounded(planned, limits),
+        order=np.array([*held, *waiting], dtype=np.int64),
+        slots=slots,
+        grants=grants,
+    )
+
+
+def _follow_profiles(snapshot: Snapshot, book: Book, limits: Limits, planned: Floats, slots: Floats) -> None:
+    """Plan every vehicle with a clearance, taken or offered, onto its profile."""
+    for i, vehicle in enumerate(snapshot.ids):
+        reservation = book.held.get(vehicle)
+        if reservation is None or reservation.clearance == 0:
+            continue
+        k = reservation.step(snapshot.cycle)
+        slots[i] = crossing_time(reservation, snapshot.cycle)
+        if limits.phase[i] in (CLEARED, UNCLEARED):
+            planned[i] = reservation.v[min(k + 1, len(reservation.v) - 1)]
+
+
+def _price(
+    snapshot: Snapshot, book: Book, who: Bidders, winner: Winner, grants: Grants, parameters: Parameters
+) -> None:
+    """Write into the new reservations what the auction charges for them (`eq: utility_template`)."""
+    if not grants.given:
+        return
+    prices = auction.prices_of_order(winner.order, winner.bids, who.group, parameters.auction.slot_value_ratio)
+    row = {snapshot.ids[i]: k for k, i in enumerate(who.index)}
+    for reservation in grants.given:
+        k = row[reservation.vehicle]
+        book.price(reservation.vehicle, float(prices[k]), float(winner.bids[k]))
+
+
+def incumbent_order(previous: tuple[str, ...], snapshot: Snapshot, who: Bidders) -> list[int]:
+    """The bidders' rows in last cycle's order, newcomers appended in order of their zone entry."""
+    row = {snapshot.ids[i]: k for k, i in enumerate(who.index)}
+    known = [row[vehicle] for vehicle in previous if vehicle in row]
+    seen = set(known)
+    newcomers = sorted((int(i), k) for k, i in enumerate(who.index) if k not in seen)
+    return known + [k for _, k in newcomers]

@@ -1,0 +1,188 @@
+"""The interlock: nothing reaches a vehicle that has not passed here, whatever a solver says.
+
+An uncleared vehicle can always stop before the line (rule 1). Every vehicle can stop behind its leader (rule 2)
+and takes a turn at its speed (rule 3). A vehicle passes its point of no return only with a clearance: a complete
+profile whose windows on every conflict area are disjoint, by a margin, from every window reserved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gameopt_im.core.conflicts import Ground
+from gameopt_im.core.kinematics import NEVER, kernel
+from gameopt_im.core.parameters import Exit
+from gameopt_im.core.profiles import RULE_TOLERANCE_MPS
+from gameopt_im.core.reservations import Book
+from gameopt_im.core.snapshot import FOREIGN, Bools, Floats, Ints, Snapshot
+from gameopt_wire import motion
+from gameopt_wire.messages import STEP_S
+
+UNCLEARED, CLEARED, EXITING, INTRUDING = 0, 1, 2, 3
+"""Phases: before its clearance; on it; past the conflict zone; where it may be without a clearance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What the interlock allows each of n vehicles for the next step, m/s.
+
+    `stop` is rule 1, `follow` rule 2 (with the exit law for exiting vehicles), `turn` rule 3, `top` and `floor` what
+    the vehicle can reach, or may have reached since it was last heard. `leader` is the index of the next vehicle
+    ahead on its lane, `downstream` that of the next on its exit lane, -1 for none.
+    """
+
+    phase: Ints
+    leader: Ints
+    downstream: Ints
+    stop: Floats
+    follow: Floats
+    turn: Floats
+    top: Floats
+    floor: Floats
+
+
+def phases(snapshot: Snapshot, ground: Ground, book: Book) -> Ints:
+    """The phase of each vehicle. Rule 1's tolerance keeps a vehicle that rides its curve exactly uncleared.
+
+    A vehicle on the clearance of a manager before this one will cross, whatever it is told: it intrudes from now on.
+    """
+    x = -snapshot.s
+    clear = x - snapshot.length >= ground.clear[snapshot.movement] - 1e-6
+    over = (x >= ground.length[snapshot.movement]) & clear
+    phase = np.where(over, EXITING, UNCLEARED)
+    setback = ground.setback[snapshot.movement, snapshot.footprint]
+    room = snapshot.s - setback - motion.STOP_OFFSET_M + 0.05
+    stopping = 0.5 * snapshot.v**2 / snapshot.b_max
+    unable = (stopping > np.maximum(room, 0.0) + 1e-6) | (snapshot.s < setback)
+    phase[(phase == UNCLEARED) & (unable | (snapshot.accepted == FOREIGN))] = INTRUDING
+    for i, vehicle in enumerate(snapshot.ids):
+        reservation = book.held.get(vehicle)
+        if reservation is not None and reservation.accepted and phase[i] != EXITING:
+            phase[i] = CLEARED
+    return phase
+
+
+@kernel
+def lane_leaders(lane: Ints, s: Floats) -> Ints:
+    """The next vehicle ahead of each on its own approach lane, across the line and beyond; -1 for none."""
+    n = s.shape[0]
+    leader = np.full(n, -1, np.int64)
+    for i in range(n):
+        for j in range(n):
+            ahead = s[j] < s[i] or (s[j] == s[i] and j < i)
+            if j != i and lane[j] == lane[i] and ahead and (leader[i] < 0 or s[j] > s[leader[i]]):
+                leader[i] = j
+    return leader
+
+
+@kernel
+def exit_leaders(exit_lane: Ints, along: Floats) -> Ints:
+    """The next vehicle ahead of each on its exit lane, from whatever lane it came; -1 for none.
+
+    `along` is the front's distance past the start of the exit lane; only leaders on it (along >= 0) count.
+    """
+    n = along.shape[0]
+    leader = np.full(n, -1, np.int64)
+    for i in range(n):
+        for j in range(n):
+            if j == i or exit_lane[j] != exit_lane[i] or along[j] < 0.0 or along[j] <= along[i]:
+                continue
+            if leader[i] < 0 or along[j] < along[leader[i]]:
+                leader[i] = j
+    return leader
+
+
+@kernel
+def follow_limit(x: Floats, v: Floats, length: Floats, b: Floats, age: Floats, leader: Ints, offset: Floats) -> Floats:
+    """Rule 2 for each vehicle behind `leader`, m/s; NEVER without one.
+
+    `x + offset` are positions on a common path. A leader not heard of for `age` s may have braked since.
+    """
+    n = x.shape[0]
+    out = np.full(n, NEVER)
+    for i in range(n):
+        j = leader[i]
+        if j < 0:
+            continue
+        braked = max(0.0, v[j] - b[j] * age[j])
+        lost = v[j] * age[j] - 0.5 * (v[j] + braked) * min(age[j], v[j] / b[j])
+        gap = x[j] + offset[j] - lost - length[j] - motion.REAR_GAP_M - x[i] - offset[i]
+        out[i] = motion.follow_speed(gap, v[i], b[i], braked, b[j], STEP_S)
+    return out
+
+
+def exit_law(snapshot: Snapshot, leader: Ints, along: Floats, limits: Exit, exit_mps: Floats) -> Floats:
+    """Speed that opens the headway to the leader on the exit, m/s: gently, and never to a crawl by itself."""
+    speed = np.full(len(snapshot), NEVER)
+    for i in np.flatnonzero(leader >= 0):
+        j = leader[i]
+        gap = along[j] - snapshot.length[j] - along[i] - motion.REAR_GAP_M
+        wanted = limits.headway_s * snapshot.v[i]
+        opening = snapshot.v[j] + (gap - wanted) / OPENING_TIME_S
+        slowest = snapshot.v[i] - limits.decel_mps2 * STEP_S
+        speed[i] = max(opening, slowest, OPENING_FLOOR * exit_mps[i])
+    return speed
+
+
+OPENING_TIME_S = 8.0
+"""A missing metre of headway is opened over this long, s."""
+OPENING_FLOOR = 0.75
+"""The exit law alone never slows below this share of the limit: a platoon must not stop itself, car by car."""
+
+
+def limits(snapshot: Snapshot, ground: Ground, phase: Ints, age: Floats, exit_parameters: Exit) -> Limits:
+    """What each vehicle may do next, by rules 1, 2 and 3."""
+    x, v, b = -snapshot.s, snapshot.v, snapshot.b_max
+    movement = snapshot.movement
+    along = x - ground.length[movement]
+    leader = lane_leaders(snapshot.lane, snapshot.s)
+    downstream = exit_leaders(ground.exit_lane[movement], along)
+    nothing = np.zeros(len(snapshot))
+    follow = follow_limit(x, v, snapshot.length, b, age, leader, nothing)
+    near = np.where(along >= -30.0, downstream, -1)
+    follow = np.minimum(follow, follow_limit(x, v, snapshot.length, b, age, near, -ground.length[movement]))
+    exiting = phase == EXITING
+    opening = exit_law(snapshot, np.where(exiting, downstream, -1), along, exit_parameters, ground.exit_mps[movement])
+    follow = np.where(exiting, np.minimum(follow, opening), follow)
+    return Limits(
+        phase=phase,
+        leader=leader,
+        downstream=downstream,
+        stop=_stop_limits(snapshot, ground, phase),
+        follow=follow,
+        turn=_turn_limits(snapshot, ground, exiting),
+        top=np.minimum(snapshot.v_max, v + snapshot.a_max * STEP_S),
+        floor=np.maximum(0.0, v - b * (STEP_S + age)),
+    )
+
+
+def _stop_limits(snapshot: Snapshot, ground: Ground, phase: Ints) -> Floats:
+    out = np.full(len(snapshot), NEVER)
+    room = snapshot.s - ground.setback[snapshot.movement, snapshot.footprint]
+    for i in np.flatnonzero(phase == UNCLEARED):
+        out[i] = motion.stop_speed(float(room[i]), float(snapshot.v[i]), float(snapshot.b_max[i]), STEP_S)
+    return out
+
+
+def _turn_limits(snapshot: Snapshot, ground: Ground, exiting: Bools) -> Floats:
+    out = np.full(len(snapshot), NEVER)
+    turn = ground.turn_mps[snapshot.movement]
+    inside = (-snapshot.s < ground.length[snapshot.movement]) & ~exiting & np.isfinite(turn)
+    for i in np.flatnonzero(inside):
+        out[i] = motion.turn_speed(
+            float(snapshot.s[i]), float(snapshot.v[i]), float(snapshot.b_max[i]), STEP_S, float(turn[i])
+        )
+    return out
+
+
+def bounded(speed: Floats, limits_: Limits) -> Floats:
+    """The planned speeds made safe: never above a rule, never beyond what the vehicle can reach."""
+    safe = np.minimum(np.minimum(limits_.stop, limits_.follow), np.minimum(limits_.turn, limits_.top))
+    return np.maximum(np.minimum(speed, safe), limits_.floor)
+
+
+def binds(speed: Floats, limits_: Limits) -> Bools:
+    """Where rule 1 would slow a vehicle below its planned speed: the moment to ask for a clearance."""
+    return np.minimum(speed, limits_.follow) > limits_.stop - RULE_TOLERANCE_MPS

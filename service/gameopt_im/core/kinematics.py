@@ -1,0 +1,192 @@
+"""How one vehicle moves: the rules of motion, its earliest arrival, and its approach to a slot.
+
+Compiled; scalars in SI units. s is the distance from the front bumper to the stop line, a an acceleration the
+plan counts on, b a full deceleration (positive). `Plan` tuples are (cruise speed h, first rate, line speed,
+cruise distance, arrival time): brake or accelerate to h, cruise, then accelerate (or brake, for a turn) to the
+line speed, which is reached at the line.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+from numba.extending import register_jitable
+
+from gameopt_wire import motion
+
+kernel = numba.njit(cache=True)
+
+for _rule in (motion.brake_speed, motion.stop_speed, motion.turn_speed, motion.follow_speed):
+    register_jitable(_rule)
+
+NEVER = 1e9
+"""A time or distance that lies beyond every horizon, s or m."""
+BISECTIONS = 30
+TOO_SOFT_S = 0.02
+"""A deceleration that would arrive this much before the slot is too soft for it."""
+
+
+@kernel
+def final_distance(h: float, line: float, a: float, turn_b: float) -> float:
+    """Way from cruise speed h to the line speed, m: accelerating at a, or braking at turn_b before a turn."""
+    if h <= line:
+        return (line * line - h * h) / (2.0 * a)
+    return (h * h - line * line) / (2.0 * turn_b)
+
+
+@kernel
+def peak_speed(s: float, v: float, a: float, top: float, line: float, turn_b: float) -> float:
+    """Highest speed on the fastest way to the line: accelerate, then brake to the line speed if it is lower."""
+    if line >= top:
+        return top
+    peak = math.sqrt(max(0.0, (2.0 * a * turn_b * s + turn_b * v * v + a * line * line) / (a + turn_b)))
+    return max(line, min(top, peak))
+
+
+@kernel
+def plan_at(
+    s: float, v: float, h: float, d: float, a: float, line: float, turn_b: float
+) -> tuple[float, float, float, float, float]:
+    """The plan with cruise speed h and first deceleration d; arrival time -1: d is too soft for s."""
+    rate = -d if h < v else a
+    first = (h * h - v * v) / (2.0 * rate)
+    rest = s - first
+    if rest < 0.0:
+        if h < v:
+            return h, rate, v, 0.0, -1.0
+        # accelerating all the way and still below h at the line
+        end = math.sqrt(v * v + 2.0 * a * max(s, 0.0))
+        return end, a, min(end, line), 0.0, (end - v) / a
+    time = (h - v) / rate
+    need = final_distance(h, line, a, turn_b)
+    if need <= rest + 1e-6:
+        cruise = max(0.0, rest - need)
+        last = (line - h) / a if h <= line else (h - line) / turn_b
+        time += last + (cruise / h if h > 0.0 else (0.0 if cruise <= 0.0 else NEVER))
+        return h, rate, line, cruise, time
+    if h > line:
+        return h, rate, h, 0.0, -1.0
+    # the line comes before the line speed is reached
+    end = math.sqrt(h * h + 2.0 * a * rest)
+    return h, rate, end, 0.0, time + (end - h) / a
+
+
+@kernel
+def earliest_arrival(s: float, v: float, a: float, top: float, line: float, turn_b: float) -> tuple[float, float]:
+    """(time, line speed) of the fastest way to the line: accelerate, cap at `top`, brake to the turning speed."""
+    if s <= 0.0:
+        return 0.0, v
+    h = max(peak_speed(s, v, a, top, line, turn_b), min(v, top))
+    plan = plan_at(s, v, h, turn_b, a, line, turn_b)
+    if plan[4] < 0.0:
+        return s / max(v, 0.1), v
+    return plan[4], plan[2]
+
+
+@kernel
+def cruise_for(
+    s: float,
+    v: float,
+    time: float,
+    d: float,
+    a: float,
+    top: float,
+    line: float,
+    turn_b: float,
+    slowest: float,
+) -> tuple[float, float, float, float, float]:
+    """The plan that arrives at `time` when first braking at d: h by bisection (arrival falls as h grows)."""
+    high = max(peak_speed(s, v, a, top, line, turn_b), min(v, top))
+    plan = plan_at(s, v, high, d, a, line, turn_b)
+    if plan[4] >= time:
+        return plan
+    stopped = plan_at(s, v, slowest, d, a, line, turn_b)
+    if 0.0 <= stopped[4] <= time:
+        # so late a slot that the vehicle stops on the way and waits
+        return 0.0, stopped[1], stopped[2], 0.0, stopped[4]
+    low = slowest
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        plan = plan_at(s, v, middle, d, a, line, turn_b)
+        if plan[4] < 0.0 or plan[4] > time:
+            low = middle
+        else:
+            high = middle
+    plan = plan_at(s, v, high, d, a, line, turn_b)
+    if plan[4] < time - TOO_SOFT_S:
+        return plan[0], plan[1], plan[2], plan[3], -1.0
+    return plan
+
+
+@kernel
+def approach(
+    s: float,
+    v: float,
+    time: float,
+    a: float,
+    b: float,
+    top: float,
+    line: float,
+    decels: tuple[float, ...],
+    slowest: float,
+) -> tuple[float, float, float, float, float]:
+    """The plan for a slot `time` seconds ahead: wait upstream, arrive fast.
+
+    The softest deceleration that still reaches the full line speed; where none does, the one that reaches the
+    highest. Rates are negative when braking.
+    """
+    turn_b = min(motion.TURN_DECEL_MPS2, b)
+    room = max(s - motion.STOP_OFFSET_M - v * v / (2.0 * b), 0.0) + motion.STOP_OFFSET_M
+    best = (slowest, -b, min(line, math.sqrt(2.0 * a * room)), 0.0, time)
+    best_line = -1.0
+    for d in decels:
+        plan = cruise_for(s, v, time, min(d, b), a, top, line, turn_b, slowest)
+        if plan[4] < 0.0:
+            continue
+        if plan[2] > best_line + 1e-9:
+            best = plan
+            best_line = plan[2]
+        if plan[2] >= line - 1e-6:
+            break
+    return best
+
+
+@kernel
+def approach_speed(
+    s: float,
+    v: float,
+    time: float,
+    h: float,
+    rate: float,
+    a: float,
+    top: float,
+    line: float,
+    turn_b: float,
+    dt: float,
+) -> float:
+    """Speed after the next step on a plan: to h at its rate, at h, and full ahead once the slot asks for it.
+
+    Rule 3 brakes for a turn; the plan only says when to go.
+    """
+    if earliest_arrival(s - v * dt, v, a, top, line, turn_b)[0] >= time - dt:
+        return min(top, v + a * dt)
+    if v > h:
+        return max(h, v + (rate if rate < 0.0 else -turn_b) * dt)
+    return min(h, v + a * dt)
+
+
+@kernel
+def time_past_line(x: float, line: float, a: float, top: float) -> float:
+    """Time from the front's crossing of the line to the front x metres past it, s.
+
+    The vehicle crosses at `line` m/s and accelerates at a to `top`.
+    """
+    if x <= 0.0:
+        return x / max(line, 0.1)
+    if line >= top:
+        return x / max(line, 0.1)
+    way = (top * top - line * line) / (2.0 * a)
+    if x <= way:
+        return (math.sqrt(line * line + 2.0 * a * x) - line) / a
+    return (top - line) / a + (x - way) / top

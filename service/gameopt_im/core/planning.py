@@ -1,0 +1,269 @@
+"""From a snapshot to candidate sequences with slots: the dispatch auction, K times, and the incumbent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gameopt_im.core import auction, bids
+from gameopt_im.core.conflicts import Ground, groups
+from gameopt_im.core.horizon import HorizonRules, HorizonTask
+from gameopt_im.core.interlock import UNCLEARED, Limits
+from gameopt_im.core.kinematics import NEVER
+from gameopt_im.core.parameters import Parameters
+from gameopt_im.core.profiles import time_at
+from gameopt_im.core.reservations import Book, Stack, blocked_windows, crossing_time
+from gameopt_im.core.slots import Demand, Rules, schedule, weighted_delay
+from gameopt_im.core.snapshot import Floats, Ints, Snapshot
+from gameopt_wire import motion
+
+INCUMBENT = -1
+"""In place of a weight vector's number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bidders:
+    """The vehicles still to be planned, lane by lane, front to back: the rows of every planning array.
+
+    `index` (n,) are their places in the snapshot, `counts` the vehicles of each lane, `bids` (K, n) their master
+    bids with transfers, `group` (n,) their conflict groups.
+    """
+
+    index: Ints
+    counts: tuple[int, ...]
+    bids: Floats
+    group: Ints
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A crossing order of the bidders with a slot and a line speed each; `delay` is sum Ps (T - s / v_max), s."""
+
+    weights: int
+    order: Ints
+    slots: Floats
+    lines: Floats
+    delay: float
+
+
+def bidders(
+    snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, parameters: Parameters, candidates: int
+) -> Bidders:
+    """Who takes part in this control cycle's auction, and with which bids."""
+    held = np.array([vehicle in book.held for vehicle in snapshot.ids], dtype=np.bool_)
+    index = np.flatnonzero((limits.phase == UNCLEARED) & ~held & ~snapshot.silent)
+    lanes, counts = np.unique(snapshot.lane[index], return_counts=True)
+    size = dict(zip(lanes.tolist(), counts.tolist(), strict=True))
+    index = np.array(
+        sorted(index, key=lambda i: (-size[int(snapshot.lane[i])], int(snapshot.lane[i]), float(snapshot.s[i]))),
+        dtype=np.int64,
+    )
+    settings = parameters.auction
+    group = groups(snapshot.movement[index], ground.conflict)
+    features = bids.features(
+        snapshot.s[index], snapshot.v[index], snapshot.waited[index], snapshot.assertiveness[index], settings
+    )
+    master = bids.with_waiting(
+        bids.master_bids(features, settings.weights[:candidates]),
+        snapshot.waited[index],
+        settings.waiting_multiplier,
+    )
+    if len(index):
+        lines = auction.queues(snapshot.lane[index], snapshot.s[index])
+        master = auction.with_transfers(master, lines, group, settings.slot_value_ratio, settings.transfer_share)
+    return Bidders(index, tuple(sorted(size.values(), reverse=True)), master, group)
+
+
+def demand(
+    snapshot: Snapshot,
+    ground: Ground,
+    book: Book,
+    stack: Stack,
+    limits: Limits,
+    who: Bidders,
+    parameters: Parameters,
+) -> Demand:
+    """The planning problem of the bidders around the reservations in force."""
+    i = who.index
+    movement, footprint = snapshot.movement[i], snapshot.footprint[i]
+    turn = np.minimum(ground.turn_mps[movement], NEVER)
+    blocked = blocked_windows(
+        movement, footprint, snapshot.length[i],
+        stack.x, stack.late_x, stack.first, stack.movement, stack.footprint, stack.length, ground.windows,
+    )  # fmt: skip
+    return Demand(
+        s=snapshot.s[i],
+        v=snapshot.v[i],
+        length=snapshot.length[i],
+        a=snapshot.a_max[i] * parameters.planner.accel_share,
+        b=snapshot.b_max[i],
+        top=snapshot.v_max[i],
+        line_cap=np.minimum(turn, snapshot.v_max[i]),
+        cross_top=np.minimum(turn, np.minimum(snapshot.v_max[i], ground.exit_mps[movement])),
+        movement=movement,
+        footprint=footprint,
+        lane=snapshot.lane[i],
+        queue=_queue(who.counts),
+        floor=_floors(snapshot, book, limits, who, parameters),
+        windows=ground.windows,
+        blocked=blocked,
+    )
+
+
+def _queue(counts: tuple[int, ...]) -> Ints:
+    """(lanes, longest): the bidders' rows lane by lane, padded with -1."""
+    queue = np.full((len(counts), max(counts, default=0)), -1, dtype=np.int64)
+    start = 0
+    for lane, count in enumerate(counts):
+        queue[lane, :count] = np.arange(start, start + count)
+        start += count
+    return queue
+
+
+def _floors(snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, parameters: Parameters) -> Floats:
+    """(lanes,) earliest slot of each lane's first bidder, behind the cleared vehicle ahead of it, s."""
+    floors = np.full(len(who.counts), -NEVER)
+    head = 0
+    for lane, count in enumerate(who.counts):
+        i = who.index[head]
+        j = int(limits.leader[i])
+        reservation = book.held.get(snapshot.ids[j]) if j >= 0 else None
+        if reservation is not None and reservation.clearance:
+            cross = crossing_time(reservation, snapshot.cycle)
+            first = reservation.step(snapshot.cycle)
+            back = reservation.length + motion.REAR_GAP_M
+            passed = float(time_at(reservation.x, first, back))
+            speed = back / max(passed - cross, 0.05) if cross > 0.0 else float(reservation.v[first])
+            brake = max(0.0, 0.5 * speed * (1.0 / snapshot.b_max[i] - 1.0 / reservation.b))
+            floors[lane] = passed + parameters.planner.headway_s + brake
+        head += count
+    return floors
+
+
+def rules_of(parameters: Parameters) -> Rules:
+    """The planner's margins; never tighter than what granting will ask for, or refusals cost capacity."""
+    interlock, planner = parameters.interlock, parameters.planner
+    return Rules(
+        margin_s=planner.margin_s,
+        margin_m=interlock.margin_m,
+        extra_s=planner.margin_s - interlock.margin_s,
+        headway_s=planner.headway_s,
+        slowest=planner.min_cruise_mps,
+        decels=planner.decels_mps2,
+    )
+
+
+def candidates(
+    problem: Demand,
+    who: Bidders,
+    priority: Floats,
+    waited: Floats,
+    incumbent: Sequence[int],
+    parameters: Parameters,
+) -> list[Candidate]:
+    """The incumbent first, then the distinct sequences of the dispatch auction, one per weight vector.
+
+    Whoever has waited beyond the planner's patience gains in all of them, or the least total delay could starve it.
+    `priority` (n,) are the Ps, `waited` (n,) in s; `incumbent` the bidders' rows in last cycle's order, with newcomers.
+    """
+    if not len(who):
+        return []
+    rules = rules_of(parameters)
+    none = np.zeros(len(who))
+    planner = parameters.planner
+    urgency = planner.impatience * np.maximum(0.0, waited - planner.patience_s)
+    made = [_candidate(INCUMBENT, problem, rules, none, _by_lane(incumbent, who.counts), priority, False)]
+    seen = {made[0].order.tobytes()}
+    for k, row in enumerate(who.bids):
+        seconds = parameters.auction.bid_seconds * row + urgency
+        candidate = _candidate(k, problem, rules, seconds, np.asarray(incumbent), priority, True)
+        if candidate.order.tobytes() not in seen:
+            seen.add(candidate.order.tobytes())
+            made.append(candidate)
+    return made
+
+
+def _candidate(
+    number: int, problem: Demand, rules: Rules, bids_s: Floats, order: Ints, priority: Floats, dispatch: bool
+) -> Candidate:
+    taken, slots, lines = schedule(problem, rules, bids_s, order, dispatch)
+    return Candidate(number, taken, slots, lines, weighted_delay(problem, slots, priority))
+
+
+def _by_lane(order: Sequence[int], counts: tuple[int, ...]) -> Ints:
+    """The order with every lane's turns given to its vehicles front to back: nobody overtakes in a lane."""
+    lane = np.repeat(np.arange(len(counts)), counts)
+    following = np.cumsum((0, *counts[:-1]))
+    out = []
+    for i in order:
+        out.append(following[lane[i]])
+        following[lane[i]] += 1
+    return np.array(out, dtype=np.int64)
+
+
+def select(options: Sequence[Candidate], objectives: Sequence[float | None], parameters: Parameters) -> int | None:
+    """q*: the candidate of least predicted weighted delay plus a weight times J; the incumbent has a bonus.
+
+    A candidate without a solution (None) is out; None where all are.
+    """
+    best: int | None = None
+    least = np.inf
+    for k, (option, objective) in enumerate(zip(options, objectives, strict=True)):
+        if objective is None:
+            continue
+        cost = option.delay + parameters.program.objective_weight * objective
+        if option.weights == INCUMBENT:
+            cost -= parameters.planner.incumbent_bonus * abs(cost)
+        if cost < least:
+            best, least = k, cost
+    return best
+
+
+def horizon_rules(parameters: Parameters) -> HorizonRules:
+    """The horizon program's constants from the configuration."""
+    return HorizonRules(
+        blocks=parameters.program.blocks_s,
+        trade_off=parameters.program.lambda_,
+        rear_gap=parameters.program.rear_gap_m,
+        decels=parameters.planner.decels_mps2,
+        slowest=parameters.planner.min_cruise_mps,
+    )
+
+
+def horizon_task(
+    snapshot: Snapshot, book: Book, limits: Limits, problem: Demand, who: Bidders, parameters: Parameters
+) -> HorizonTask:
+    """What the horizon programs of all candidates share."""
+    ends = np.cumsum(parameters.program.blocks_s)
+    room = np.full((len(who), len(ends)), NEVER)
+    head = 0
+    for count in who.counts:
+        i = who.index[head]
+        j = int(limits.leader[i])
+        if j >= 0:
+            reservation = book.held.get(snapshot.ids[j])
+            if reservation is None or not reservation.clearance:
+                ahead = -snapshot.s[j] + snapshot.v[j] * ends
+            else:
+                steps = reservation.step(snapshot.cycle) + np.round(ends * 10).astype(np.int64)
+                ahead = reservation.x[np.minimum(steps, len(reservation.x) - 1)]
+            room[head] = ahead - snapshot.length[j] - parameters.program.rear_gap_m + snapshot.s[i]
+        head += count
+    return HorizonTask(
+        counts=who.counts,
+        s=problem.s,
+        v=problem.v,
+        length=problem.length,
+        a=problem.a,
+        b=problem.b,
+        top=problem.top,
+        line_cap=problem.line_cap,
+        ps=snapshot.speed_priority[who.index],
+        pv=snapshot.variation_priority[who.index],
+        room=room,
+    )

@@ -1,0 +1,173 @@
+"""Who holds which time windows on the conflict areas: the reservations behind every clearance given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from gameopt_im.core.kinematics import kernel
+from gameopt_im.core.profiles import HORIZON, occupancy, overlap
+from gameopt_im.core.snapshot import Floats, Ints
+from gameopt_wire.messages import STEP_S
+
+Occupancy = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Reservation:
+    """A clearance and the ground it holds: nominal and worst-case way through the zone.
+
+    `x`, `v` (HORIZON,) are the profile offered, `late_x`, `late_v` the worst case of it, with everyone ahead braking as
+    much as rule 2 and the exit law may make them; index 0 is control cycle `start`, at `start_s`. Windows begin with x
+    and end with late_x.
+    `done` is the step at which the rear is clear in the worst case.
+    """
+
+    vehicle: str
+    clearance: int
+    start: int
+    movement: int
+    footprint: int
+    lane: int
+    length: float
+    b: float
+    x: Floats
+    v: Floats
+    late_x: Floats
+    late_v: Floats
+    done: int
+    start_s: float
+    expires_s: float
+    price: float = 0.0
+    bid: float = 0.0
+    accepted: bool = False
+
+    def step(self, cycle: int) -> int:
+        """The index of a control cycle in the arrays."""
+        return min(max(cycle - self.start, 0), HORIZON - 1)
+
+    def speeds(self) -> list[float]:
+        """The offered speeds, up to the step at which the rear is clear in the nominal case."""
+        return [float(u) for u in self.v[: self.done + 1]]
+
+
+@dataclass(frozen=True, slots=True)
+class Stack:
+    """The reservations of a book as arrays for the kernels, R rows; `first` is the row's index of now."""
+
+    x: Floats
+    late_x: Floats
+    first: Ints
+    movement: Ints
+    footprint: Ints
+    length: Floats
+
+
+@dataclass(slots=True)
+class Book:
+    """All reservations in force, in the order they were given; each vehicle holds one at the most."""
+
+    held: dict[str, Reservation] = field(default_factory=dict)
+
+    def add(self, reservation: Reservation) -> None:
+        """Enter a reservation; its windows have been checked against every other in the book."""
+        self.held[reservation.vehicle] = reservation
+
+    def accept(self, vehicle: str) -> None:
+        """The vehicle has taken its clearance: from now on it holds the ground until it has left it."""
+        self.held[vehicle] = replace(self.held[vehicle], accepted=True)
+
+    def price(self, vehicle: str, price: float, bid: float) -> None:
+        """What the clearance costs when it is taken, and the bid it was won with."""
+        self.held[vehicle] = replace(self.held[vehicle], price=price, bid=bid)
+
+    def free(self, vehicle: str) -> Reservation:
+        """Give the ground back."""
+        return self.held.pop(vehicle)
+
+    def stack(self, cycle: int) -> Stack:
+        """The arrays of all reservations, as seen from a control cycle."""
+        rows = list(self.held.values())
+        if not rows:
+            empty = np.empty((0, HORIZON))
+            none = np.empty(0, np.int64)
+            return Stack(empty, empty, none, none, none, np.empty(0))
+        return Stack(
+            np.stack([r.x for r in rows]),
+            np.stack([r.late_x for r in rows]),
+            np.array([r.step(cycle) for r in rows]),
+            np.array([r.movement for r in rows]),
+            np.array([r.footprint for r in rows]),
+            np.array([r.length for r in rows]),
+        )
+
+
+@kernel
+def clash(
+    x: Floats,
+    late_x: Floats,
+    length: float,
+    movement: int,
+    footprint: int,
+    held_x: Floats,
+    held_late_x: Floats,
+    first: Ints,
+    held_movement: Ints,
+    held_footprint: Ints,
+    held_length: Floats,
+    windows: Floats,
+    margin_s: float,
+    margin_m: float,
+) -> float:
+    """How much later a profile (from now) would have to come to be disjoint from every reservation, s; 0 if it is."""
+    worst = 0.0
+    for r in range(first.shape[0]):
+        mine = windows[movement, footprint, held_movement[r], held_footprint[r]]
+        if not mine[1] > -1e8:  # NaN: the two never touch
+            continue
+        its = windows[held_movement[r], held_footprint[r], movement, footprint]
+        other = occupancy(held_x[r], held_late_x[r], first[r], held_length[r], its[0], its[1])
+        me = occupancy(x, late_x, 0, length, mine[0], mine[1])
+        worst = max(worst, overlap(me, other, margin_s, margin_m))
+    return worst
+
+
+@kernel
+def blocked_windows(
+    movement: Ints,
+    footprint: Ints,
+    length: Floats,
+    held_x: Floats,
+    held_late_x: Floats,
+    first: Ints,
+    held_movement: Ints,
+    held_footprint: Ints,
+    held_length: Floats,
+    windows: Floats,
+) -> Floats:
+    """(n, R, 4) for the slot planner: each reservation's window (in, out) and my entry and leaving distance."""
+    n, m = movement.shape[0], first.shape[0]
+    out = np.full((n, m, 4), np.nan)
+    for i in range(n):
+        for r in range(m):
+            mine = windows[movement[i], footprint[i], held_movement[r], held_footprint[r]]
+            if not mine[1] > -1e8:
+                continue
+            its = windows[held_movement[r], held_footprint[r], movement[i], footprint[i]]
+            other = occupancy(held_x[r], held_late_x[r], first[r], held_length[r], its[0], its[1])
+            if other[1] < 0.0:
+                continue
+            out[i, r, 0], out[i, r, 1] = other[0], other[1]
+            out[i, r, 2], out[i, r, 3] = mine[0], mine[1] + length[i]
+    return out
+
+
+def crossing_time(reservation: Reservation, cycle: int) -> float:
+    """When a reservation's front crosses the line, s from the control cycle; negative once it has."""
+    k = int(np.searchsorted(reservation.x, 0.0))
+    if k == 0 or k >= HORIZON:
+        return -float(reservation.step(cycle)) * STEP_S
+    before, after = reservation.x[k - 1], reservation.x[k]
+    part = -before / (after - before) if after > before else 0.0
+    return float(k - 1 + part - (cycle - reservation.start)) * STEP_S

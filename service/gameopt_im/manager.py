@@ -1,0 +1,245 @@
+"""The manager of one intersection: everything a control cycle decides, from raw messages to commands.
+
+It has no clock and no network; `service.py` gives it both, a replay gives it recorded ones.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import structlog
+
+from gameopt_im.core import decision, planning
+from gameopt_im.core.conflicts import ground
+from gameopt_im.core.decision import Conclusion, Settled, Winner
+from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
+from gameopt_im.core.reservations import Book, Reservation
+from gameopt_im.core.snapshot import Snapshot
+from gameopt_im.inbox import Raw
+from gameopt_im.options import ServeOptions
+from gameopt_im.solver.pool import Pool
+from gameopt_im.strategy import DefaultProfile, PaperProfile, Strategy
+from gameopt_im.tracker import Tracker
+from gameopt_wire.messages import Clearance, Command, CycleReport, LedgerEntry
+
+log = structlog.get_logger()
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a control cycle came to: what to send, and what to write down."""
+
+    commands: list[Command]
+    report: CycleReport
+    ledger: list[LedgerEntry]
+
+
+class Manager:
+    """One intersection under one term; `control_cycle` is called once per control cycle, in order."""
+
+    def __init__(self, options: ServeOptions, term: int, pool: Pool[Any, Any]) -> None:
+        self.options = options
+        self.term = term
+        self.missed = 0
+        self.unread: Counter[str] = Counter()
+        """Messages that never reached the tracker, by reason: broken steps, and what the queue had no room for."""
+        self._ground = ground(
+            options.map, options.geometry, options.parameters.program.lateral_margin_m, options.turn_speed
+        )
+        self._tracker = Tracker(options.map, self._ground, options.parameters, options.clock, term)
+        self._pool = pool
+        self._strategy: Strategy = (DefaultProfile if options.profile == "default" else PaperProfile)(
+            options, self._ground, pool
+        )
+        self._book = Book()
+        self._order: tuple[str, ...] = ()
+        self._next_clearance = 1
+        self._entered: dict[str, float] = {}
+        self._open: dict[str, LedgerEntry] = {}
+        self._stage_started = 0.0
+        self._stages: dict[str, float] = {}
+
+    def restart(self) -> None:
+        """Lock-step time began anew: forget every vehicle and clearance."""
+        self._tracker.reset()
+        self._book, self._order, self._next_clearance = Book(), (), 1
+        self._entered.clear()
+        self._open.clear()
+
+    async def control_cycle(self, cycle: int, time_s: float, messages: list[Raw]) -> Outcome:
+        """Messages in, commands out; the same in, the same out."""
+        started = self._stage_started = time.perf_counter()
+        self._tracker.ingest(messages, time_s)
+        self._mark("ingest")
+        snapshot = self._tracker.snapshot(cycle, time_s, self._book.held.keys())
+        settled = decision.settle(self._book, snapshot, self._ground)
+        picture = decision.picture(snapshot, self._ground, self._book, self.options.parameters)
+        limits = picture.limits
+        self._mark("snapshot")
+
+        parameters, count = self.options.parameters, self.options.candidates
+        who = planning.bidders(snapshot, self._ground, self._book, limits, parameters, count)
+        proposal = self._strategy.propose(snapshot, self._book, limits, who, self._order)
+        self._mark("auction")
+        results = await self._pool.solve(proposal.jobs, self._deadline())
+        winner = self._strategy.choose(proposal, results)
+        self._mark("programs")
+
+        concluded = decision.conclude(
+            snapshot, self._ground, self._book, limits, who, winner, parameters,
+            self._next_clearance, self._strategy.slotless,
+        )  # fmt: skip
+        self._next_clearance += len(concluded.grants.given)
+        self._mark("interlock")
+        commands = self._commands(snapshot, limits, concluded)
+        ledger = self._write_ledger(settled, time_s)
+        self._order = tuple(snapshot.ids[i] for i in concluded.order)
+        self._mark("commands")
+        elapsed_ms = 1e3 * (time.perf_counter() - started)
+        report = self._report(snapshot, limits, concluded, winner, proposal.count, len(commands), elapsed_ms)
+        self._log(settled, picture.strayed, snapshot, limits)
+        return Outcome(commands, report, ledger)
+
+    def _deadline(self) -> float | None:
+        """On the loop's clock; in lock-step there is none, so that nothing depends on the machine."""
+        if self.options.clock == "lockstep":
+            return None
+        return asyncio.get_running_loop().time() + self.options.parameters.program.deadline_s
+
+    def _mark(self, stage: str) -> None:
+        now = time.perf_counter()
+        self._stages[stage] = 1e3 * (now - self._stage_started)
+        self._stage_started = now
+
+    def _commands(self, snapshot: Snapshot, limits: Limits, concluded: Conclusion) -> list[Command]:
+        """One command for every vehicle that was heard; a silent one falls back by itself."""
+        rank = {int(i): k for k, i in enumerate(concluded.order)}
+        valid_until_s = snapshot.time_s + self.options.parameters.service.command_valid_s
+        commands = []
+        for i, vehicle in enumerate(snapshot.ids):
+            if snapshot.silent[i]:
+                continue
+            reservation = self._book.held.get(vehicle)
+            slot = float(concluded.slots[i])
+            commands.append(
+                Command(
+                    vehicle=vehicle,
+                    term=self.term,
+                    cycle=snapshot.cycle,
+                    time_s=snapshot.time_s,
+                    speed_mps=float(concluded.speeds[i]),
+                    valid_until_s=valid_until_s,
+                    slot_s=max(0.0, snapshot.time_s + slot) if np.isfinite(slot) and slot < 1e6 else None,
+                    clearance=_offer(reservation, snapshot.time_s) if limits.phase[i] != INTRUDING else None,
+                    cleared=reservation.clearance if reservation is not None and reservation.accepted else None,
+                    rank=rank.get(i, -1),
+                    price=reservation.price if reservation is not None else 0.0,
+                )
+            )
+        return commands
+
+    def _write_ledger(self, settled: Settled, time_s: float) -> list[LedgerEntry]:
+        """An entry when a clearance is taken and paid for, and again when its vehicle has left the zone."""
+        entries = []
+        for event in self._tracker.take_events():
+            if event.kind == "entered":
+                self._entered[event.vehicle] = event.entered_s
+                continue
+            if event.kind == "lost":
+                log.warning("vehicle lost", vehicle=event.vehicle, heard_s=event.heard_s)
+            elif event.kind == "stale":
+                log.info("vehicle left out", vehicle=event.vehicle, heard_s=event.heard_s)
+            self._entered.pop(event.vehicle, None)
+            self._open.pop(event.vehicle, None)
+        for taken in settled.accepted:
+            entry = LedgerEntry(
+                vehicle=taken.vehicle,
+                term=self.term,
+                entered_s=self._entered.get(taken.vehicle, time_s),
+                cleared_s=time_s,
+                price=taken.price,
+                bid=taken.bid,
+            )
+            self._open[taken.vehicle] = entry
+            entries.append(entry)
+        for gone in settled.left:
+            paid = self._open.pop(gone.vehicle, None)
+            if paid is not None:
+                entries.append(_closed(paid, time_s))
+        return entries
+
+    def _report(
+        self,
+        snapshot: Snapshot,
+        limits: Limits,
+        concluded: Conclusion,
+        winner: Winner | None,
+        candidates: int,
+        commands: int,
+        elapsed_ms: float,
+    ) -> CycleReport:
+        counts = self._pool.counts
+        cleared = sum(r.accepted and r.clearance > 0 for r in self._book.held.values())
+        return CycleReport(
+            term=self.term,
+            cycle=snapshot.cycle,
+            time_s=snapshot.time_s,
+            vehicles=len(snapshot),
+            uncleared=int(np.count_nonzero(limits.phase == UNCLEARED)),
+            cleared=cleared,
+            commands=commands,
+            candidates=candidates,
+            selected=winner.number if winner is not None else -2,
+            order=[snapshot.ids[i] for i in concluded.order],
+            granted=[reservation.vehicle for reservation in concluded.grants.given],
+            refused=concluded.grants.refused,
+            delay_s=winner.delay if winner is not None else 0.0,
+            elapsed_ms=elapsed_ms,
+            stages_ms=dict(self._stages),
+            qp_solved_total=counts.solved,
+            qp_failed_total=counts.failed,
+            qp_late_total=counts.late,
+            missed_total=self.missed,
+            received_total=self._tracker.received,
+            rejected_total={str(reason): n for reason, n in (self._tracker.rejected + self.unread).items()},
+            fallback=self._tracker.fallbacks,
+            silent=int(np.count_nonzero(snapshot.silent)),
+        )
+
+    def _log(self, settled: Settled, strayed: tuple[str, ...], snapshot: Snapshot, limits: Limits) -> None:
+        """What should not happen is said once per control cycle; what happens all the time is not."""
+        for lapsed in settled.lapsed:
+            log.info("clearance lapsed", vehicle=lapsed.vehicle, clearance=lapsed.clearance)
+        for i in np.flatnonzero(limits.phase == INTRUDING):
+            log.warning("in the zone without a clearance", vehicle=snapshot.ids[i], distance_m=float(snapshot.s[i]))
+        for vehicle in strayed:
+            log.warning("strayed from its profile", vehicle=vehicle, cycle=snapshot.cycle)
+
+
+def _offer(reservation: Reservation | None, now_s: float) -> Clearance | None:
+    """The clearance to offer, again and again until it is taken or has expired."""
+    if reservation is None or reservation.accepted or reservation.clearance == 0 or now_s > reservation.expires_s:
+        return None
+    return Clearance(
+        id=reservation.clearance,
+        start_s=reservation.start_s,
+        expires_s=reservation.expires_s,
+        speeds_mps=reservation.speeds(),
+    )
+
+
+def _closed(entry: LedgerEntry, time_s: float) -> LedgerEntry:
+    return LedgerEntry(
+        vehicle=entry.vehicle,
+        term=entry.term,
+        entered_s=entry.entered_s,
+        cleared_s=entry.cleared_s,
+        price=entry.price,
+        bid=entry.bid,
+        left_s=time_s,
+    )

@@ -1,0 +1,94 @@
+"""THE HOT PATH: snapshot, decide, publish, every 100 ms. Everything else in this package serves this loop."""
+
+from __future__ import annotations
+
+import gc
+import os
+import time
+from collections import Counter
+from contextlib import AsyncExitStack
+
+import structlog
+
+from gameopt_im.bus import Bus, configuration
+from gameopt_im.clock import LockStep, WallClock
+from gameopt_im.manager import Manager
+from gameopt_im.options import ServeOptions
+from gameopt_im.recorder import Recorder
+from gameopt_im.solver import horizon_job, jobs
+from gameopt_im.solver.pool import Pool
+from gameopt_im.warm_up import warm_up
+from gameopt_wire import codec
+from gameopt_wire.intersection import Charter
+
+log = structlog.get_logger()
+
+
+async def serve(options: ServeOptions) -> None:
+    """Run one intersection until cancelled. Raises `StartError` where it cannot start."""
+    term = time.time_ns() // 1_000_000
+    charter = charter_of(options, term)
+    async with AsyncExitStack() as stack:
+        # What can be refused comes first: a taken port is said at once, not after a minute of compiling.
+        config = configuration(options.listen, options.connect, options.zenoh_config)
+        lossless = options.clock == "lockstep"
+        bus = await stack.enter_async_context(await Bus.connect(options.map.intersection, config, lossless))
+        recorder = None
+        if options.record is not None:
+            recorder = stack.enter_context(Recorder(options.record, charter, options.parameters, options.command_line))
+        await warm_up(options)
+        pool = await stack.enter_async_context(pool_of(options))
+        await bus.announce(codec.CHARTER.encode(charter))
+        log.info(
+            "serving",
+            intersection=options.map.intersection,
+            clock=options.clock,
+            profile=options.profile,
+            geometry=options.geometry,
+            endpoints=list(options.listen or options.connect),
+        )
+        await run(options, Manager(options, term, pool), bus, recorder)
+
+
+async def run(options: ServeOptions, manager: Manager, bus: Bus, recorder: Recorder | None) -> None:
+    """The loop itself: one control cycle after another, for as long as the task lives."""
+    clock: WallClock | LockStep = (
+        LockStep(bus) if options.clock == "lockstep" else WallClock(bus, options.parameters.service.collect_s)
+    )
+    gc.collect()
+    gc.freeze()  # what stands now stands for good: later collections need not look at it
+    while True:
+        tick = await clock.next_cycle()
+        if tick.restarted:
+            manager.restart()
+        manager.missed = clock.missed
+        manager.unread = Counter({"overflow": bus.overflow}) + clock.rejected
+        outcome = await manager.control_cycle(tick.cycle, tick.time_s, tick.messages)
+        bus.publish_commands(outcome.commands)
+        bus.publish_cycle(outcome.report)
+        for entry in outcome.ledger:
+            bus.publish_ledger(entry)
+        if recorder is not None:
+            recorder.record(tick, outcome.commands)
+
+
+def charter_of(options: ServeOptions, term: int) -> Charter:
+    """What the manager says of itself to whoever asks for the map."""
+    return Charter(
+        term=term,
+        clock=options.clock,
+        profile=options.profile,
+        geometry=options.geometry,
+        turn_speed=options.turn_speed,
+        candidates=options.candidates,
+        workers=options.workers,
+        process_id=os.getpid(),
+        digest=options.map.digest(),
+        map=options.map,
+    )
+
+
+def pool_of(options: ServeOptions) -> Pool[jobs.Job, jobs.Outcome]:
+    """The worker processes, warmed on the programs of the profile."""
+    warm = horizon_job.warm_up() if options.profile == "default" else jobs.warm_up()
+    return Pool(options.workers, jobs.SOLVE, warm)

@@ -1,0 +1,1 @@
+"""OSQP workspaces and the worker processes they live in."""

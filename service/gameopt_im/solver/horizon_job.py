@@ -1,0 +1,79 @@
+"""The horizon program of one candidate, as a job for the pool."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gameopt_im.core import horizon
+from gameopt_im.core.horizon import HorizonRules, HorizonTask
+from gameopt_im.core.program import QP, Csc
+from gameopt_im.core.snapshot import Floats
+from gameopt_im.solver.jobs import Job, Outcome
+from gameopt_im.solver.workspace import Workspace
+
+COST_SCALE = 0.02
+"""The program's cost is scaled by this: multipliers and residuals are then of one size, and rho = 1 suits."""
+MAX_ITERATIONS = 1000
+TOLERANCE = 0.4
+"""Share of the residual allowed that the solver is asked for."""
+
+_workspaces: dict[float, Workspace] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class HorizonJob:
+    """One candidate's slots (n,), s, for the task its control cycle shares."""
+
+    task: HorizonTask
+    rules: HorizonRules
+    slots: Floats
+    residual_mps: float
+
+    def solve(self) -> Outcome | None:
+        """Speeds for the next control cycle and J; starts from the approach law, so from the snapshot alone."""
+        qp, warm = horizon.build(self.task, self.rules, self.slots)
+        workspace = _workspaces.setdefault(
+            self.residual_mps,
+            Workspace(
+                residual_mps=self.residual_mps,
+                max_iter=MAX_ITERATIONS,
+                rho=1.0,
+                tolerance=TOLERANCE,
+                capacity=128,
+            ),
+        )
+        solution = workspace.solve((self.task.counts, self.rules.blocks), _scaled(qp), warm)
+        if solution is None:
+            return None
+        return Outcome(
+            horizon.first_speeds(self.task, self.rules, solution.x),
+            horizon.objective(self.task, self.rules, solution.x),
+            solution.residual,
+        )
+
+
+def _scaled(qp: QP) -> QP:
+    p = Csc((qp.P.shape[0], qp.P.shape[1]), qp.P.data * COST_SCALE, qp.P.indices, qp.P.indptr)
+    return replace(qp, P=p, q=qp.q * COST_SCALE)
+
+
+def warm_up() -> list[Job]:
+    """A small job that compiles, or loads, what a worker will need."""
+    one = np.ones(2)
+    task = HorizonTask(
+        counts=(2,),
+        s=np.array([60.0, 80.0]),
+        v=15.0 * one,
+        length=5.0 * one,
+        a=2.0 * one,
+        b=4.5 * one,
+        top=20.0 * one,
+        line_cap=20.0 * one,
+        ps=one,
+        pv=one,
+        room=np.full((2, 2), 1e9),
+    )
+    rules = HorizonRules((1.0, 1.0), 0.7, 2.0, (1.0, 1.5, 2.25, 3.4), 0.5)
+    return [HorizonJob(task, rules, np.array([5.0, 7.0]), 1e-3)]

@@ -1,0 +1,152 @@
+"""The two profiles: how candidates are proposed, which programs they need, and how q* is chosen.
+
+`DefaultProfile` is the planner that works in a closed loop: dispatch auction, slots, incumbent, horizon program.
+`PaperProfile` is the paper taken literally: auction, one-step program, least J.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from gameopt_im.core import auction, decision, horizon, planning, program
+from gameopt_im.core.conflicts import Ground
+from gameopt_im.core.decision import Winner
+from gameopt_im.core.interlock import Limits
+from gameopt_im.core.planning import Bidders, Candidate
+from gameopt_im.core.reservations import Book
+from gameopt_im.core.slots import Demand
+from gameopt_im.core.snapshot import Ints, Snapshot
+from gameopt_im.options import ServeOptions
+from gameopt_im.solver.horizon_job import HorizonJob
+from gameopt_im.solver.jobs import Outcome, PaperJob
+from gameopt_im.solver.pool import Pool
+from gameopt_wire.messages import STEP_S
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """Candidates of a control cycle and the jobs that solve their programs, in the same order."""
+
+    who: Bidders
+    candidates: Sequence[Any]
+    jobs: Sequence[Any]
+    problem: Demand | None
+
+    @property
+    def count(self) -> int:
+        """How many distinct candidates there are."""
+        return len(self.candidates)
+
+
+class Strategy(Protocol):
+    """A profile; `slotless` ones ask for a clearance only when rule 1 binds."""
+
+    slotless: bool
+
+    def propose(
+        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...]
+    ) -> Proposal:
+        """The candidates and their programs."""
+
+    def choose(self, proposal: Proposal, results: Sequence[Outcome | None]) -> Winner | None:
+        """q* and its speeds; None where there is nobody to plan."""
+
+
+class DefaultProfile:
+    """Dispatch auction, slots, incumbent, approach, horizon program."""
+
+    slotless = False
+
+    def __init__(self, options: ServeOptions, ground: Ground, pool: Pool[Any, Any]) -> None:
+        del pool
+        self._ground = ground
+        self._parameters = options.parameters
+        self._rules = planning.horizon_rules(options.parameters)
+
+    def propose(
+        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...]
+    ) -> Proposal:
+        """The incumbent and up to K dispatch sequences, each with its horizon program."""
+        if not len(who):
+            return Proposal(who, (), (), None)
+        parameters = self._parameters
+        stack = book.stack(snapshot.cycle)
+        problem = planning.demand(snapshot, self._ground, book, stack, limits, who, parameters)
+        incumbent = decision.incumbent_order(previous, snapshot, who)
+        priority = snapshot.speed_priority[who.index]
+        options = planning.candidates(problem, who, priority, snapshot.waited[who.index], incumbent, parameters)
+        task = planning.horizon_task(snapshot, book, limits, problem, who, parameters)
+        residual = parameters.program.residual_mps
+        jobs = [HorizonJob(task, self._rules, option.slots, residual) for option in options]
+        return Proposal(who, options, jobs, problem)
+
+    def choose(self, proposal: Proposal, results: Sequence[Outcome | None]) -> Winner | None:
+        """Least predicted weighted delay plus a weight times J; the incumbent on the approach law if all are out."""
+        if proposal.problem is None:
+            return None
+        options: Sequence[Candidate] = proposal.candidates
+        objectives = [None if result is None else result.objective for result in results]
+        best = planning.select(options, objectives, self._parameters)
+        option = options[best or 0]
+        outcome = results[best] if best is not None else None
+        speeds = outcome.speeds if outcome is not None else self._approach(proposal.problem, option)
+        bids = proposal.who.bids[max(option.weights, 0)]
+        return Winner(option.weights, option.delay, option.order, option.slots, speeds, bids)
+
+    def _approach(self, problem: Demand, option: Candidate) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """The approach law's own next speeds, where no program has a solution."""
+        speeds, _, _ = horizon.reference(
+            problem.s, problem.v, option.slots, problem.a, problem.b, problem.top, problem.line_cap,
+            self._rules.decels, self._rules.slowest, np.array([STEP_S]),
+        )  # fmt: skip
+        return np.asarray(speeds[:, 0])
+
+
+class PaperProfile:
+    """The paper's sequences and its one-step program on elastic rows; q* has the least J."""
+
+    slotless = True
+
+    def __init__(self, options: ServeOptions, ground: Ground, pool: Pool[Any, Any]) -> None:
+        del pool
+        self._ground = ground
+        self._parameters = options.parameters
+
+    def propose(
+        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...]
+    ) -> Proposal:
+        """Up to K sequences over all vehicles that are not past the conflict zone, cleared ones first."""
+        del previous, limits
+        if not len(who):
+            return Proposal(who, (), (), None)
+        settings = self._parameters.auction
+        lines = auction.queues(snapshot.lane[who.index], snapshot.s[who.index])
+        # `who.bids` hold the transfers already
+        orders = auction.sequences(who.bids, lines, who.group, settings.slot_value_ratio, 0.0)
+        inside = [i for i, vehicle in enumerate(snapshot.ids) if vehicle in book.held]
+        inside.sort(key=lambda i: float(snapshot.s[i]))
+        members = np.concatenate((who.index, np.array(inside, dtype=np.int64)))
+        vehicles = program.traffic(snapshot, members)
+        ahead = len(who) + np.arange(len(inside))
+        jobs = [
+            PaperJob(vehicles, np.concatenate((ahead, order)), self._ground.conflict, self._parameters.program)
+            for order in orders
+        ]
+        return Proposal(who, orders, jobs, None)
+
+    def choose(self, proposal: Proposal, results: Sequence[Outcome | None]) -> Winner | None:
+        """The sequence of least J; the first one, full ahead under the interlock, where none has a solution."""
+        n = len(proposal.who)
+        if not n:
+            return None
+        solved = [(result.objective, k) for k, result in enumerate(results) if result is not None]
+        best = min(solved)[1] if solved else 0
+        outcome = results[best]
+        order: Ints = proposal.candidates[best]
+        speeds = outcome.speeds[:n] if outcome is not None else np.full(n, np.inf)
+        delay = outcome.objective if outcome is not None else 0.0
+        return Winner(best, delay, order, np.full(n, np.nan), speeds, proposal.who.bids[0])

@@ -1,0 +1,259 @@
+"""What the manager knows of every vehicle, from messages alone: pure and synchronous, no network, no clock.
+
+Theory of operation. A vehicle is tracked from its first state (its zone entry) until one of these:
+
+    left    heard to have passed the exit stretch, or predicted to have, once its rear stood clear of the
+            conflict zone when last heard
+    stale   uncleared, silent for `stale_s`, and could have stopped before the line when last heard: it does
+            not hold up the others any longer
+    lost    silent for `hold_s`: it held a clearance, or may have stood in the conflict zone, and was kept as
+            silent until now; nobody knows where it is
+
+Between states a vehicle is predicted (`tracked.predict`), and marked silent once its state is too old.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+from gameopt_im.core.bids import assign, class_bounds
+from gameopt_im.core.conflicts import Ground
+from gameopt_im.core.parameters import Parameters
+from gameopt_im.core.snapshot import Snapshot
+from gameopt_im.inbox import Raw
+from gameopt_im.tracked import Tracked, body_of, picture
+from gameopt_wire import codec, keys
+from gameopt_wire.intersection import IntersectionMap
+from gameopt_wire.messages import STEP_S, Bid, Clock, State
+
+Reason = Literal[
+    "oversized", "malformed", "version", "out_of_range",  # the codec's
+    "key", "unknown_movement", "time", "duplicate", "stale", "changed", "overload",
+]  # fmt: skip
+EventKind = Literal["entered", "left", "stale", "lost"]
+
+FUTURE_S = 1.0
+"""A state further ahead of the control cycle comes from a clock that is wrong."""
+SILENT_CYCLES: dict[Clock, float] = {"lockstep": 1.01, "wall": 1.5}
+"""Age in control cycles beyond which a vehicle counts as silent; under the wall clock delivery wavers."""
+OUTSIDE_ZONE_M = 50.0
+"""A distance this far outside the map's lanes is not believed."""
+AFTER_EXIT_M = 60.0
+"""Vehicles are kept this far past the stretch over which exit headways are opened (`exit.distance_m`)."""
+
+_NOBODY: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A vehicle came or went; `time_s` is the control cycle's, `heard_s` the time of its last state."""
+
+    kind: EventKind
+    vehicle: str
+    time_s: float
+    entered_s: float
+    heard_s: float
+
+
+class Tracker:
+    """The vehicles of one intersection; `term` is the manager's, whose clearances are its own."""
+
+    def __init__(
+        self, intersection: IntersectionMap, ground: Ground, parameters: Parameters, clock: Clock, term: int
+    ) -> None:
+        self.received = 0
+        self.fallbacks = 0
+        """Vehicles that say they are on their own, at the last snapshot."""
+        self.rejected: Counter[Reason] = Counter()
+        self._map = intersection
+        self._ground = ground
+        self._parameters = parameters
+        self._clock = clock
+        self._term = term
+        self._movements = {movement.id: index for index, movement in enumerate(intersection.movements)}
+        self._zone_m: list[float] = [intersection.lanes[movement.lane].zone_m for movement in intersection.movements]
+        self._exit_end_m: list[float] = (ground.length + ground.exit_length).tolist()
+        self._clear_m: list[float] = ground.clear.tolist()
+        self._vehicles: dict[str, Tracked] = {}
+        self._bids: dict[str, Bid] = {}
+        self._events: list[Event] = []
+
+    def reset(self) -> None:
+        """Forgets every vehicle without a word, as when lock-step time begins anew; counters go on."""
+        self._vehicles.clear()
+        self._bids.clear()
+        self._events.clear()
+
+    def ingest(self, messages: Iterable[Raw], now_s: float) -> None:
+        """Takes in what arrived for the control cycle at `now_s`: counted whatever it is, never raised."""
+        for raw in messages:
+            if raw.kind == "gone":
+                self.vanish(keys.vehicle_of(raw.key))
+                continue
+            try:
+                message = (codec.STATE if raw.kind == "state" else codec.BID).decode(raw.payload)
+            except codec.Rejected as rejected:
+                self._count(rejected.reason)
+                continue
+            if message.vehicle != keys.vehicle_of(raw.key):
+                self._count("key")
+            elif isinstance(message, State):
+                self.ingest_state(message, now_s)
+            else:
+                self.ingest_bid(message, now_s)
+
+    def ingest_state(self, state: State, now_s: float) -> Reason | None:
+        """Takes a state in; the reason where it is not taken."""
+        known = self._vehicles.get(state.vehicle)
+        movement = self._movements.get(state.movement)
+        if movement is None:
+            return self._count("unknown_movement")
+        reason = self._implausible(state, movement, now_s) or _outdated(known.state if known else None, state)
+        if reason is None and known and known.holds_clearance and known.body != body_of(state):
+            reason = "changed"
+        if reason is None and known is None and len(self._vehicles) >= self._parameters.service.max_vehicles:
+            reason = "overload"
+        if reason is None:
+            self._take(state, movement, known, now_s)
+        return self._count(reason)
+
+    def ingest_bid(self, bid: Bid, now_s: float) -> Reason | None:
+        """Takes a bid in; it may come before its vehicle's first state. The reason where it is not taken."""
+        known = self._bids.get(bid.vehicle)
+        reason = self._wrong_time(bid.time_s, now_s) or _outdated(known, bid)
+        if reason is None and known is None and len(self._bids) >= self._parameters.service.max_vehicles:
+            reason = "overload"
+        if reason is None:
+            self._bids[bid.vehicle] = bid
+            vehicle = self._vehicles.get(bid.vehicle)
+            if vehicle is not None and (known is None or known.assertiveness != bid.assertiveness):
+                vehicle.priority = assign(vehicle.bounds, bid.assertiveness)
+        return self._count(reason)
+
+    def vanish(self, vehicle: str) -> None:
+        """A vehicle's liveliness token is gone: under the wall clock it is silent until heard again.
+
+        Tokens travel beside the messages that a lock-step counts, so there they would make runs differ.
+        """
+        known = self._vehicles.get(vehicle)
+        if known is not None and self._clock == "wall":
+            known.vanished = True
+
+    def last_state(self, vehicle: str) -> State | None:
+        """The last state heard of a vehicle, not predicted; None for one that is not tracked."""
+        known = self._vehicles.get(vehicle)
+        return known.state if known else None
+
+    def take_events(self) -> list[Event]:
+        """Who came and went since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    def snapshot(self, cycle: int, time_s: float, reserved: Collection[str] = _NOBODY) -> Snapshot:
+        """The picture of a control cycle; `reserved` are the vehicles with a clearance, offered or accepted.
+
+        Vehicles that have left or been silent too long are dropped on the way, with an event each.
+        """
+        for vehicle in list(self._vehicles.values()):
+            vehicle.reserved = vehicle.state.vehicle in reserved
+            fate = self._fate(vehicle, time_s)
+            if fate is not None:
+                del self._vehicles[vehicle.state.vehicle]
+                self._bids.pop(vehicle.state.vehicle, None)
+                self._tell(fate, vehicle, time_s)
+        self._forget_bids(time_s)
+        present = sorted(self._vehicles.values(), key=lambda each: (each.entered_s, each.state.vehicle))
+        self.fallbacks = sum(each.state.fallback for each in present)
+        silent_s = SILENT_CYCLES[self._clock] * STEP_S
+        return picture(cycle, time_s, present, self._ground, term=self._term, silent_s=silent_s)
+
+    def _count(self, reason: Reason | None) -> Reason | None:
+        self.received += 1
+        if reason is not None:
+            self.rejected[reason] += 1
+        return reason
+
+    def _tell(self, kind: EventKind, vehicle: Tracked, time_s: float) -> None:
+        state = vehicle.state
+        self._events.append(Event(kind, state.vehicle, time_s, vehicle.entered_s, state.time_s))
+
+    def _wrong_time(self, time_s: float, now_s: float) -> Reason | None:
+        return None if -self._parameters.service.stale_s <= time_s - now_s <= FUTURE_S else "time"
+
+    def _implausible(self, state: State, movement: int, now_s: float) -> Reason | None:
+        ahead_m = self._zone_m[movement] + OUTSIDE_ZONE_M
+        behind_m = self._exit_end_m[movement] + state.length_m + OUTSIDE_ZONE_M
+        if not -behind_m <= state.distance_m <= ahead_m:
+            return "out_of_range"
+        return self._wrong_time(state.time_s, now_s)
+
+    def _take(self, state: State, movement: int, known: Tracked | None, now_s: float) -> None:
+        if known is not None and known.body == body_of(state):
+            known.state, known.vanished = state, False
+            return
+        bounds = class_bounds(self._parameters.classes, state.vehicle_class)
+        bid = self._bids.get(state.vehicle)
+        vehicle = Tracked(
+            state=state,
+            entered_s=known.entered_s if known else state.time_s,
+            movement=movement,
+            footprint=self._map.footprint_of(state.length_m, state.width_m),
+            bounds=bounds,
+            priority=assign(bounds, bid.assertiveness if bid else bounds.assertiveness[0]),
+        )
+        if known is None:
+            if self._has_left(vehicle, -state.distance_m):
+                return  # it still speaks of the way behind the exit; that is nobody's entry
+            self._tell("entered", vehicle, now_s)
+        self._vehicles[state.vehicle] = vehicle
+
+    def _forget_bids(self, time_s: float) -> None:
+        """Bids of vehicles that never came, or have gone."""
+        oldest_s = time_s - self._parameters.service.stale_s
+        for name in [name for name in self._bids if name not in self._vehicles]:
+            if self._bids[name].time_s < oldest_s:
+                del self._bids[name]
+
+    def _has_left(self, vehicle: Tracked, front_m: float) -> bool:
+        """Whether it is through, its front this far past the line: rear clear, and the exit stretch done."""
+        rear_m = front_m - vehicle.state.length_m - self._clear_m[vehicle.movement]
+        stretch_m = self._parameters.exit.distance_m + AFTER_EXIT_M
+        return rear_m >= 0.0 and (rear_m >= stretch_m or front_m >= self._exit_end_m[vehicle.movement])
+
+    def _may_be_released(self, vehicle: Tracked) -> bool:
+        """Whether its silence means that it needs no more commands: its headway has been opened."""
+        rear_m = -vehicle.state.distance_m - vehicle.state.length_m - self._clear_m[vehicle.movement]
+        return rear_m >= self._parameters.exit.distance_m
+
+    def _was_clear(self, vehicle: Tracked) -> bool:
+        """Whether it was last heard where nothing can be in its way any more, or about to leave the map."""
+        state = vehicle.state
+        front_m = -state.distance_m
+        rear_m = front_m - state.length_m - self._clear_m[vehicle.movement]
+        next_m = front_m + 2.0 * STEP_S * state.speed_mps
+        return rear_m >= 0.0 or next_m >= self._exit_end_m[vehicle.movement]
+
+    def _fate(self, vehicle: Tracked, time_s: float) -> EventKind | None:
+        """Whether a vehicle is dropped now, and as what."""
+        state, service = vehicle.state, self._parameters.service
+        age_s = time_s - state.time_s
+        if self._was_clear(vehicle):
+            front_m = state.speed_mps * max(age_s, 0.0) - state.distance_m
+            released = age_s > 1.5 * STEP_S and self._may_be_released(vehicle)
+            if vehicle.vanished or released or self._has_left(vehicle, front_m):
+                return "left"
+        if age_s > service.hold_s:
+            return "lost"
+        if age_s > service.stale_s and vehicle.could_stop and not vehicle.holds_clearance:
+            return "stale"
+        return None
+
+
+def _outdated(known: State | Bid | None, new: State | Bid) -> Reason | None:
+    """The latest message of a vehicle wins."""
+    if known is None or new.time_s > known.time_s:
+        return None
+    return "duplicate" if new.time_s == known.time_s else "stale"

@@ -1,0 +1,1 @@
+"""Independent bidders: `gameopt-vehicles`. Nothing here imports the manager."""

@@ -1,0 +1,165 @@
+"""One run of the command: open road and bus, agree with the manager, drive, report."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+import click
+from msgspec import structs
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from gameopt_vehicles.bus import Bus, NoManager, configuration
+from gameopt_vehicles.fleet import Fleet, Settings
+from gameopt_vehicles.fleet import Progress as FleetProgress
+from gameopt_vehicles.options import Options
+from gameopt_vehicles.report import Run, assemble, summary
+from gameopt_vehicles.road import Road
+from gameopt_vehicles.synthetic import SyntheticRoad
+from gameopt_wire.intersection import Charter, IntersectionMap
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+EXIT_COLLISION = 4
+
+
+class MeasuredRoad(Road, Protocol):
+    """A road that can say how it went, and for which demand it was made (`ratio`: W and E over N and S)."""
+
+    @property
+    def flow_veh_h(self) -> float | None: ...
+    @property
+    def ratio(self) -> float | None: ...
+    def measurements(self, warmup_s: float) -> object:
+        """What happened after the warm-up, in the shape of `report.Measurements`."""
+        ...
+
+
+async def drive(options: Options, load: Callable[[], MeasuredRoad] | None) -> int:
+    """Run the road that `load` opens, or a synthetic one without it; the exit code.
+
+    Raises `NoManager`, `BadBusConfiguration`, and what `load` and its road raise.
+    """
+    stopped = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for signal_number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(signal_number, stopped.set)
+    endpoints = options.connect or (() if options.zenoh_config else (DEFAULT_ENDPOINT,))
+    config = configuration(endpoints, options.zenoh_config)
+    road = load() if load else None
+    try:
+        async with await Bus.open(config, reliable=options.clock == "lockstep") as bus:
+            charter = await bus.charter(road.map.intersection if road else options.junction)
+            if road is None:
+                road = SyntheticRoad(charter.map, options.synthetic or 0, options.seed)
+            _agree(charter, road, options)
+            bus.join(charter.map.intersection)
+            return await _run(road, bus, charter, options, stopped)
+    finally:
+        if road is not None:
+            road.close()
+
+
+def _agree(charter: Charter, road: MeasuredRoad, options: Options) -> None:
+    """Manager and vehicles must speak of the same time and the same ground; raises `NoManager`."""
+    if charter.clock != options.clock:
+        raise NoManager(f"the manager runs on --clock {charter.clock}, the vehicles on --clock {options.clock}")
+    if charter.turn_speed == options.ignore_turn_speed:
+        kept, own = ("keeps", "ignore") if charter.turn_speed else ("ignores", "keep")
+        raise NoManager(f"the manager {kept} turning speeds and the vehicles {own} them (--ignore-turn-speed)")
+    # A map read without turning speeds is the same ground: those that are ignored do not have to agree.
+    theirs = charter.digest if charter.turn_speed else _without_turn_speeds(charter.map).digest()
+    ours = (road.map if charter.turn_speed else _without_turn_speeds(road.map)).digest()
+    if theirs != ours:
+        name = charter.map.intersection
+        raise NoManager(f"the manager's map of {name!r} ({theirs}) is not the vehicles' ({ours})")
+
+
+def _without_turn_speeds(intersection: IntersectionMap) -> IntersectionMap:
+    movements = [structs.replace(movement, turn_speed_mps=None) for movement in intersection.movements]
+    return structs.replace(intersection, movements=movements)
+
+
+async def _run(road: MeasuredRoad, bus: Bus, charter: Charter, options: Options, stopped: asyncio.Event) -> int:
+    settings = Settings(
+        clock=options.clock,
+        duration_s=options.duration,
+        warmup_s=options.warmup,
+        seed=options.seed,
+        strategy=options.strategy,
+        turn_speed=not options.ignore_turn_speed,
+        tracking_noise_mps=options.tracking_noise,
+        loss=options.loss,
+        delay_s=options.delay_ms / 1000.0,
+        jitter_s=options.jitter_ms / 1000.0,
+    )
+    start_s = road.time_s
+    with _progress_bar(options.duration, start_s) as show:
+        fleet = Fleet(road, bus, settings, on_step=show)
+        stopping = asyncio.create_task(_stop_when(stopped, fleet))
+        gone: NoManager | None = None
+        try:
+            await fleet.run()
+        except NoManager as error:
+            gone = error  # said once what was driven until then is written down
+        finally:
+            stopping.cancel()
+    setup = Run(
+        scenario=options.sumo.stem if options.sumo else f"synthetic-{options.synthetic}",
+        seed=options.seed,
+        duration_s=round(road.time_s - start_s, 1),  # shorter than asked for when interrupted
+        warmup_s=options.warmup,
+        flow_veh_h=road.flow_veh_h,
+        ratio=road.ratio,
+    )
+    report = assemble(setup, charter, road.measurements(options.warmup), fleet.tally, fleet.lost)
+    Console().print(summary(report, fleet.tally.late_steps))
+    if options.report is not None:
+        try:
+            options.report.write_bytes(report.to_json())
+        except OSError as error:
+            raise click.FileError(str(options.report), error.strerror) from None
+    if gone is not None:
+        raise gone
+    if report.collided():
+        complain("vehicles collided; see the report")
+        return EXIT_COLLISION
+    return 0
+
+
+async def _stop_when(stopped: asyncio.Event, fleet: Fleet) -> None:
+    await stopped.wait()
+    fleet.stop()
+
+
+@contextmanager
+def _progress_bar(duration_s: float, start_s: float) -> Iterator[Callable[[FleetProgress], None]]:
+    """A bar on a terminal, nothing elsewhere: a log is no place for one."""
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.fields[time_s]:6.1f} s"),
+        BarColumn(),
+        TextColumn("{task.fields[vehicles]:3d} vehicles  control cycle {task.fields[cycle_ms]:5.1f} ms"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=duration_s, time_s=start_s, vehicles=0, cycle_ms=0.0)
+
+        def show(now: FleetProgress) -> None:
+            bar.update(
+                task,
+                completed=now.time_s - start_s,
+                time_s=now.time_s,
+                vehicles=now.vehicles,
+                cycle_ms=now.control_cycle_ms,
+            )
+
+        yield show
+
+
+def complain(message: str) -> None:
+    """One line on stderr."""
+    click.echo(f"gameopt-vehicles: {' '.join(message.split())}", err=True)

@@ -1,0 +1,1 @@
+"""SUMO, the road: nets, scenarios, the running simulation, and the independent count of collisions."""

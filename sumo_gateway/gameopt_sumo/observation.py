@@ -1,0 +1,82 @@
+"""What one step of the simulation shows of a vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+STEP_S = 0.1
+"""Length of a simulation step, s."""
+EXIT_RANGE_M = 250.0
+"""A vehicle is observed and controlled this far past the conflict zone, or to the end of its exit edge."""
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What a vehicle senses after a step, and what its type can do.
+
+    `movement` is the map's movement id. `distance_m` runs along the path from the front bumper to the stop
+    line, negative beyond it, on the exit lane too. The leader is the nearest vehicle ahead on the path, its
+    gap bumper to bumper; None with a free road. `controlled` is False once released, and where the simulation
+    only watches.
+    """
+
+    vehicle: str
+    movement: str
+    distance_m: float
+    speed_mps: float
+    acceleration_mps2: float
+    length_m: float
+    width_m: float
+    vehicle_class: str
+    max_speed_mps: float
+    max_accel_mps2: float
+    max_decel_mps2: float
+    leader_gap_m: float | None
+    leader_speed_mps: float | None
+    leader_decel_mps2: float | None
+    controlled: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where a vehicle stands: front bumper centre in net coordinates, angle as SUMO gives it.
+
+    The angle is in degrees clockwise from north; `lane` is the one under the front bumper.
+    """
+
+    vehicle: str
+    x_m: float
+    y_m: float
+    angle_deg: float
+    length_m: float
+    width_m: float
+    speed_mps: float
+    lane: str
+
+
+@dataclass(slots=True)
+class Vehicle:
+    """The simulation's record of a vehicle: its type's values, read once, and what it is doing."""
+
+    id: str
+    length_m: float
+    width_m: float
+    vehicle_class: str
+    max_speed_mps: float
+    max_accel_mps2: float
+    max_decel_mps2: float
+    lane: str = ""
+    movement: int | None = None
+    controlled: bool = False
+    released: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """A vehicle at the start of its way, or of the part of it that matters: `route` begins with its edge."""
+
+    id: str
+    scheduled_s: float
+    route: tuple[str, ...]
+    position_m: float
+    max_speed_mps: float

@@ -1,0 +1,121 @@
+"""Single calls to libsumo: starting it, and reading a vehicle's values."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import libsumo
+
+from gameopt_sumo.observation import Departure, Pose, Vehicle
+from gameopt_sumo.run_files import Hush, SimulationError, sumo_arguments
+
+SUMO_FAULTS = (libsumo.TraCIException, libsumo.FatalTraCIError)
+RADAR_BEYOND_EDGE_M = 100.0
+"""How far beyond the end of the exit edge a leader is looked for."""
+
+
+def start(config: Path, seed: int, gui: bool, extra_args: Sequence[str], hush: Hush) -> None:
+    """Start SUMO on `config` with the enforced options. Raises `SimulationError`."""
+    command = ["sumo-gui", "--start", "--quit-on-end"] if gui else ["sumo"]
+    command += sumo_arguments(config, seed, extra_args)
+    if gui and sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        # Without a display the window library ends the whole process.
+        raise SimulationError("--gui: there is no display (DISPLAY is not set); run without --gui")
+    try:
+        with hush:
+            libsumo.start(command)
+    except SUMO_FAULTS as error:
+        raise SimulationError(f"{config}: {hush.reason(str(error))}") from None
+
+
+def leader_beyond(vehicle: str) -> tuple[str, float] | None:
+    """The leader on the edges after the exit edge; SUMO counts its gap less the follower's minimum gap."""
+    found = libsumo.vehicle.getLeader(vehicle, RADAR_BEYOND_EDGE_M)
+    if not found or not found[0]:
+        return None
+    return found[0], float(found[1] + libsumo.vehicle.getMinGap(vehicle))
+
+
+def read_vehicle(vehicle: str) -> Vehicle:
+    """What the vehicle's type says."""
+    api = libsumo.vehicle
+    return Vehicle(
+        id=vehicle,
+        length_m=float(api.getLength(vehicle)),
+        width_m=float(api.getWidth(vehicle)),
+        vehicle_class=str(api.getVehicleClass(vehicle)),
+        max_speed_mps=float(api.getMaxSpeed(vehicle)),
+        max_accel_mps2=float(api.getAccel(vehicle)),
+        max_decel_mps2=float(api.getDecel(vehicle)),
+    )
+
+
+def pose(vehicle: str, lane: str) -> Pose:
+    """Where the vehicle stands."""
+    api = libsumo.vehicle
+    x_m, y_m = api.getPosition(vehicle)
+    return Pose(
+        vehicle=vehicle,
+        x_m=float(x_m),
+        y_m=float(y_m),
+        angle_deg=float(api.getAngle(vehicle)),
+        length_m=float(api.getLength(vehicle)),
+        width_m=float(api.getWidth(vehicle)),
+        speed_mps=float(api.getSpeed(vehicle)),
+        lane=lane,
+    )
+
+
+def departed() -> list[Departure]:
+    """The vehicles inserted in the last step."""
+    api = libsumo.vehicle
+    return [
+        on_its_way(vehicle, float(api.getDeparture(vehicle) - api.getDepartDelay(vehicle)))
+        for vehicle in libsumo.simulation.getDepartedIDList()
+    ]
+
+
+def pending(time_s: float, known: Callable[[str], bool]) -> list[Departure]:
+    """The vehicles whose time has come and that find no room on the road, but for those already known."""
+    api = libsumo.vehicle
+    return [
+        Departure(vehicle, time_s, tuple(api.getRoute(vehicle)), 0.0, float(api.getMaxSpeed(vehicle)))
+        for vehicle in libsumo.simulation.getPendingVehicles()
+        if not known(vehicle)
+    ]
+
+
+def on_its_way(vehicle: str, scheduled_s: float) -> Departure:
+    """A driving vehicle, its route from where it is."""
+    api = libsumo.vehicle
+    return Departure(
+        id=vehicle,
+        scheduled_s=scheduled_s,
+        route=tuple(api.getRoute(vehicle)[max(0, api.getRouteIndex(vehicle)) :]),
+        position_m=float(api.getLanePosition(vehicle)),
+        max_speed_mps=float(api.getMaxSpeed(vehicle)),
+    )
+
+
+def consumption_mg_s(vehicle: str) -> tuple[float, float]:
+    """Fuel and CO2 of the last step, mg/s."""
+    api = libsumo.vehicle
+    return float(api.getFuelConsumption(vehicle)), float(api.getCO2Emission(vehicle))
+
+
+def collisions() -> list[tuple[str, str]]:
+    """The pairs SUMO itself found colliding in the last step."""
+    return [(found.collider, found.victim) for found in libsumo.simulation.getCollisions()]
+
+
+def teleports() -> int:
+    """How many vehicles SUMO began to teleport in the last step."""
+    return int(libsumo.simulation.getStartingTeleportNumber())
+
+
+def outline(junction: str) -> list[tuple[float, float]]:
+    """The ground of a junction, in net coordinates."""
+    return [(float(x), float(y)) for x, y in libsumo.junction.getShape(junction)]

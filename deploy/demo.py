@@ -1,0 +1,161 @@
+"""`make demo`: a scenario, then manager and vehicles as two processes, and how to run them by hand."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+import click
+
+BIN = Path(sys.executable).parent
+OUT = Path("out/demo")
+FLOW_VEH_H = 6000
+PORT = 7447
+STOP_S = 5.0
+"""A manager that has not ended by then, because it is compiling, is killed."""
+
+
+@click.command()
+@click.option("--seconds", type=click.FloatRange(1.0, 86400.0), default=60.0, metavar="S", help="Simulated seconds.")
+def demo(seconds: float) -> None:
+    """Run 6,000 veh/h over the four-arm intersection in lock-step; everything it writes is in out/demo."""
+    for ending in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ending, signal.default_int_handler)  # all end as Ctrl-C does
+    OUT.mkdir(parents=True, exist_ok=True)
+    scenario = [
+        "gameopt-sumo",
+        "scenario",
+        "four-arm",
+        "--flow",
+        FLOW_VEH_H,
+        "--duration",
+        seconds,
+        "--out",
+        OUT,
+    ]
+    subprocess.run(_words(scenario), check=True, stdout=subprocess.DEVNULL)
+    endpoint = f"tcp/127.0.0.1:{_port()}"
+    manager = ["gameopt-im", "serve", "--map", OUT / "four-arm.net.xml", "--clock", "lockstep"]
+    vehicles = ["gameopt-vehicles", "--sumo", OUT / "four-arm.sumocfg", "--clock", "lockstep"]
+    vehicles += ["--duration", seconds]
+    with _serving([*manager, "--listen", endpoint]):
+        started = time.monotonic()
+        code = _drive([*vehicles, "--connect", endpoint, "--report", OUT / "report.json"])
+    click.echo(f"The run took {time.monotonic() - started:.0f} s.")
+    if code == 0:
+        _explain(scenario, manager, vehicles)
+    sys.exit(code)
+
+
+def _port() -> int:
+    """The usual port, or any free one if that is taken."""
+    for port in (PORT, 0):
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            found: int = probe.getsockname()[1]
+            if found != PORT:
+                click.echo(f"Port {PORT} is taken; the demo uses {found}.")
+            return found
+    raise click.ClickException("no free port on 127.0.0.1")
+
+
+@contextmanager
+def _serving(manager: list[object]) -> Iterator[None]:
+    """The manager, from the moment it serves until it has ended. Its log goes to manager.log."""
+    process = subprocess.Popen(
+        _words([*manager, "--log-format", "json"]),
+        stdin=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        process_group=0,  # Ctrl-C is for the vehicles first: they still need their manager
+    )
+    assert process.stderr is not None
+    try:
+        with (OUT / "manager.log").open("w") as log:
+            _await_serving(process.stderr, log)
+            rest = threading.Thread(target=log.writelines, args=[process.stderr])
+            rest.start()
+            try:
+                yield
+            finally:
+                _stop(process)
+                rest.join()
+    finally:
+        _stop(process)
+
+
+def _await_serving(lines: IO[str], log: IO[str]) -> None:
+    """Show what the manager says until it serves."""
+    for line in lines:
+        log.write(line)
+        try:
+            event = json.loads(line)["event"]
+        except (ValueError, KeyError):
+            event = line.strip()
+        click.echo(f"manager: {event}")
+        if event == "serving":
+            return
+    raise click.ClickException("the manager did not start")
+
+
+def _stop(process: subprocess.Popen[str]) -> None:
+    process.terminate()
+    try:
+        process.wait(STOP_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def _drive(vehicles: list[object]) -> int:
+    """Run the vehicles to their end; interrupted, they finish their step and still report."""
+    process = subprocess.Popen(_words(vehicles))
+    while True:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:
+            process.terminate()
+
+
+def _explain(*commands: list[object]) -> None:
+    """Say how to do by hand what the demo did."""
+    folder = Path(os.path.relpath(BIN))
+    scenario, manager, vehicles = (" ".join(_words(command, folder)) for command in commands)
+    click.echo(
+        f"""
+Report: {OUT / "report.json"}, the manager's log: {OUT / "manager.log"}
+
+By hand, the scenario once, then each command in a terminal of its own:
+  {scenario}
+  {manager}
+  {vehicles}
+At wall-clock speed: the same without `--clock lockstep` in both. Try --help for the rest.
+"""
+    )
+
+
+def _words(command: list[object], folder: Path = BIN) -> list[str]:
+    """A command line, with the command found in `folder`."""
+    name, *rest = command
+    return [
+        str(folder / str(name)),
+        *(f"{word:g}" if isinstance(word, float) else str(word) for word in rest),
+    ]
+
+
+if __name__ == "__main__":
+    demo()

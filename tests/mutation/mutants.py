@@ -1,0 +1,184 @@
+"""The mutants: one wrong edit each, and the test that has to notice it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Mutant(NamedTuple):
+    """`old` occurs once in `file` and becomes `new`; `test` fails then."""
+
+    name: str
+    file: str
+    old: str
+    new: str
+    test: str
+
+
+MOTION = "service/gameopt_wire/motion.py"
+CORE = "service/gameopt_im/core"
+UNIT = "tests/unit"
+
+MUTANTS = (
+    Mutant(
+        "rule 1 without its offset",
+        MOTION,
+        "brake_speed(s_m - STOP_OFFSET_M, v_mps",
+        "brake_speed(s_m, v_mps",
+        f"{UNIT}/test_motion.py::test_an_uncleared_vehicle_stops_before_the_line",
+    ),
+    Mutant(
+        "the way of the coming step counted twice over",
+        MOTION,
+        "(room_m - 0.5 * v_mps * dt_s)",
+        "(room_m + 0.5 * v_mps * dt_s)",
+        f"{UNIT}/test_motion.py::test_a_follower_stops_behind_a_braking_leader",
+    ),
+    Mutant(
+        "rule 3 past the line",
+        MOTION,
+        "brake_speed(s_m, v_mps, min(TURN_DECEL_MPS2, b_mps2)",
+        "brake_speed(s_m + 2.0, v_mps, min(TURN_DECEL_MPS2, b_mps2)",
+        f"{UNIT}/test_motion.py::test_the_turning_speed_is_reached_at_the_line",
+    ),
+    Mutant(
+        "rule 2 with the stronger brake",
+        MOTION,
+        "b = min(b_mps2, lead_b_mps2)",
+        "b = max(b_mps2, lead_b_mps2)",
+        f"{UNIT}/test_motion.py::test_the_weaker_brake_counts",
+    ),
+    Mutant(
+        "no margin in seconds",
+        f"{CORE}/profiles.py",
+        "after = max(margin_s, margin_m / mine[2]",
+        "after = max(0.0, margin_m / mine[2]",
+        f"{UNIT}/test_granting.py::test_the_margin_in_seconds_counts_before_and_after",
+    ),
+    Mutant(
+        "no margin in metres",
+        f"{CORE}/profiles.py",
+        "before = max(margin_s, margin_m / other[2], margin_m / mine[3])",
+        "before = margin_s",
+        f"{UNIT}/test_granting.py::test_the_margin_in_metres_counts_at_the_slower_speed",
+    ),
+    Mutant(
+        "a worst case without leaders",
+        f"{CORE}/profiles.py",
+        "u = max(0.0, late_v[k] - b * STEP_S, min(u, rule))",
+        "u = max(0.0, late_v[k] - b * STEP_S, u)",
+        f"{UNIT}/test_granting.py::test_the_worst_case_is_slower_behind_a_braking_leader",
+    ),
+    Mutant(
+        "rule 2 always possible",
+        f"{CORE}/profiles.py",
+        "possible = False",
+        "possible = True",
+        f"{UNIT}/test_granting.py::test_a_drive_that_cannot_keep_rule_2_is_refused",
+    ),
+    Mutant(
+        "clashes overlooked",
+        f"{CORE}/reservations.py",
+        "worst = max(worst, overlap(me, other, margin_s, margin_m))",
+        "worst = min(worst, overlap(me, other, margin_s, margin_m))",
+        f"{UNIT}/test_granting.py::test_who_would_clash_without_a_slot_is_refused",
+    ),
+    Mutant(
+        "a follower cleared before its leader",
+        f"{CORE}/granting.py",
+        "if not _leader_cleared(snapshot, book, limits, i):",
+        "if False:",
+        f"{UNIT}/test_granting.py::test_a_follower_is_cleared_only_after_its_leader_has_accepted",
+    ),
+    Mutant(
+        "a worst case behind leaders at their best",
+        f"{CORE}/granting.py",
+        "leaders.late_room, leaders.late_v, leaders.b, late_x, late_v,\n    )  # fmt: skip\n    if late",
+        "leaders.room, leaders.v, leaders.b, late_x, late_v,\n    )  # fmt: skip\n    if late",
+        f"{UNIT}/test_granting.py::test_a_follower_reserves_for_its_leaders_worst_case",
+    ),
+    Mutant(
+        "offers of silent vehicles lapse",
+        f"{CORE}/decision.py",
+        "snapshot.time_s - float(snapshot.age[i]) > reservation.expires_s",
+        "snapshot.time_s > reservation.expires_s",
+        f"{UNIT}/test_decision.py::test_a_silent_vehicle_keeps_its_ground",
+    ),
+    Mutant(
+        "rule 1's tolerance the wrong way",
+        f"{CORE}/interlock.py",
+        "motion.STOP_OFFSET_M + 0.05",
+        "motion.STOP_OFFSET_M - 0.05",
+        f"{UNIT}/test_granting.py::test_rule_1s_curve_parts_the_uncleared_from_the_intruding",
+    ),
+    Mutant(
+        "rule 3 left out of the interlock",
+        f"{CORE}/interlock.py",
+        "np.minimum(limits_.turn, limits_.top)",
+        "limits_.top",
+        f"{UNIT}/test_granting.py::test_the_interlock_bounds_every_speed",
+    ),
+    Mutant(
+        "turns paid with one's own bid",
+        f"{CORE}/auction.py",
+        "np.append(bids[1:], 0.0)[: len(bids)]",
+        "bids",
+        f"{UNIT}/test_auction.py::test_payment_is_what_those_behind_lose",
+    ),
+    Mutant(
+        "an overflow bound that costs nothing",
+        f"{CORE}/auction.py",
+        "(1.0 - alpha[count[:, -1]]) - cost.sum(axis=1)",
+        "(1.0 - alpha[count[:, -1]])",
+        f"{UNIT}/test_auction.py::test_a_blocked_bid_passes_a_share_of_its_bound_to_the_one_ahead",
+    ),
+    Mutant(
+        "a rear-end row without the leader's length",
+        f"{CORE}/program.py",
+        "(s[lead] - s[follow] + vehicles.length[lead] + gap_m)",
+        "(s[lead] - s[follow] + gap_m)",
+        f"{UNIT}/test_program.py::test_rear_end_rows_hold_where_the_gap_does",
+    ),
+    Mutant(
+        "a lateral row without the first one's length",
+        f"{CORE}/program.py",
+        "reach = z + vehicles.length + margin_m",
+        "reach = z + margin_m",
+        f"{UNIT}/test_program.py::test_lateral_rows_hold_where_the_first_is_through_in_time",
+    ),
+    Mutant(
+        "a box that may be empty",
+        f"{CORE}/program.py",
+        "return lower, np.maximum(upper, lower)",
+        "return lower, upper",
+        f"{UNIT}/test_program.py::test_boxes_are_the_tighter_of_limit_and_reach",
+    ),
+    Mutant(
+        "a reduction that drops nothing",
+        f"{CORE}/program.py",
+        "seen |= reached[j] | (1 << j)",
+        "seen |= 1 << j",
+        f"{UNIT}/test_program.py::test_the_reduction_drops_what_a_chain_implies",
+    ),
+    Mutant(
+        "a corridor without the start-up",
+        f"{CORE}/horizon.py",
+        "nearest = line_ * run - 0.5 * a * run**2",
+        "nearest = line_ * run",
+        f"{UNIT}/test_horizon.py::test_the_corridor_by_hand",
+    ),
+    Mutant(
+        "more acceleration than there is",
+        f"{CORE}/horizon.py",
+        "np.maximum(task.a[:, None] * blocks, change)",
+        "np.maximum(task.b[:, None] * blocks, change)",
+        f"{UNIT}/test_horizon.py::test_the_boxes_are_limits_and_reach",
+    ),
+    Mutant(
+        "a rear-end bound that ignores the leader's length",
+        f"{CORE}/horizon.py",
+        "gap = task.s[y] - task.s[x] - task.length[x] - rules.rear_gap",
+        "gap = task.s[y] - task.s[x] - rules.rear_gap",
+        f"{UNIT}/test_horizon.py::test_a_follower_keeps_its_distance",
+    ),
+)

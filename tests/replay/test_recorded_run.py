@@ -1,0 +1,101 @@
+"""A recording of the real manager, run again by the real command."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+import structlog
+
+from gameopt_im import cli
+from gameopt_im.clock import Tick
+from gameopt_im.core.parameters import Parameters
+from gameopt_im.inbox import Raw
+from gameopt_im.manager import Manager
+from gameopt_im.options import ServeOptions
+from gameopt_im.recorder import RecordedCycle, Recorder
+from gameopt_im.service import charter_of, pool_of
+from gameopt_wire import codec, keys
+from gameopt_wire.intersection import IntersectionMap
+from gameopt_wire.messages import Bid, State
+
+ROADS = msgspec.json.decode((Path(__file__).parents[1] / "maps" / "crossroads.json").read_bytes(), type=IntersectionMap)
+OPTIONS = ServeOptions(map=ROADS, parameters=Parameters(), clock="lockstep", workers=0)
+SPEED_MPS = 12.0
+CYCLES = 40
+
+
+def spoken(cycle: int) -> list[Raw]:
+    """Two vehicles on crossing lanes, and garbage between them."""
+    time_s = cycle / 10
+    raws = [Raw("state", b"\xc1", keys.of_vehicle(ROADS.intersection, "state", "broken"))]
+    for vehicle, movement, start_m in (("a", "0-1", 110.0), ("b/1", "2-1", 105.0)):
+        state = State(
+            vehicle=vehicle,
+            time_s=time_s,
+            movement=movement,
+            distance_m=start_m - SPEED_MPS * time_s,
+            speed_mps=SPEED_MPS,
+            acceleration_mps2=0.0,
+            length_m=5.0,
+            width_m=1.8,
+            vehicle_class="passenger",
+            max_speed_mps=30.0,
+            max_accel_mps2=2.6,
+            max_decel_mps2=4.5,
+        )
+        bid = Bid(vehicle=vehicle, time_s=time_s, assertiveness=4.0)
+        raws.append(Raw("state", codec.STATE.encode(state), keys.of_vehicle("x", "state", vehicle)))
+        raws.append(Raw("bid", codec.BID.encode(bid), keys.of_vehicle("x", "bid", vehicle)))
+    return raws
+
+
+async def driven() -> list[RecordedCycle]:
+    """Time runs, and begins anew half way."""
+    run = []
+    async with pool_of(OPTIONS) as pool:
+        manager = Manager(OPTIONS, 7, pool)
+        for number in range(2 * CYCLES):
+            cycle = number % CYCLES + 1
+            restarted = number == CYCLES
+            if restarted:
+                manager.restart()
+            tick = Tick(cycle, cycle / 10, spoken(cycle), restarted)
+            outcome = await manager.control_cycle(tick.cycle, tick.time_s, tick.messages)
+            run.append(RecordedCycle(tick, outcome.commands))
+    return run
+
+
+def recorded(path: Path, run: list[RecordedCycle]) -> Path:
+    with Recorder(path, charter_of(OPTIONS, 7), OPTIONS.parameters, ("serve",)) as recorder:
+        for each in run:
+            recorder.record(each.tick, each.commands)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def _logs_as_they_were() -> Iterator[None]:
+    yield
+    structlog.reset_defaults()
+
+
+def test_a_recorded_run_comes_out_the_same_and_a_changed_one_does_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = asyncio.run(driven())
+    assert all(len(each.commands) == 2 for each in run)
+    assert any(command.clearance is not None for each in run for command in each.commands)
+    path = recorded(tmp_path / "run.mcap", run)
+    capsys.readouterr()
+    assert cli.run(("replay", str(path))) == 0
+    assert capsys.readouterr().out == f"{2 * CYCLES} control cycles, every command as recorded\n"
+
+    command = run[9].commands[1]
+    faster = msgspec.structs.replace(command, speed_mps=command.speed_mps + 1e-9)
+    run[9] = RecordedCycle(run[9].tick, [run[9].commands[0], faster])
+    assert cli.run(("replay", str(recorded(path, run)))) == 1
+    said = capsys.readouterr().out
+    assert said.startswith(f"control cycle 10, vehicle {command.vehicle}, speed_mps: recorded ")

@@ -1,0 +1,202 @@
+"""A stand-in for the manager: a real Zenoh session that speaks its side of the wire; no test in here."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import time
+from collections import deque
+from collections.abc import Callable, Coroutine
+from typing import Any, Self
+
+import uvloop
+import zenoh
+
+from gameopt_wire import codec, keys
+from gameopt_wire.intersection import Charter, ConflictArea, Footprint, IntersectionMap, Lane, Movement
+from gameopt_wire.messages import Bid, Clearance, Command, CycleReport, State
+
+MAP = IntersectionMap(
+    intersection="main/1",  # a name that the keys have to encode
+    control_zone_m=150.0,
+    lanes=[Lane(id=f"lane{k}", approach=k, speed_limit_mps=20.0, zone_m=150.0) for k in range(2)],
+    movements=[
+        Movement(
+            id=f"{k}-1",
+            group=f"{k}-1",
+            lane=k,
+            exit_lane=f"exit{k}",
+            exit_speed_mps=20.0,
+            exit_length_m=100.0,
+            intention="straight",
+            length_m=30.0,
+            clear_m=25.0,
+            turn_speed_mps=None,
+            path=[(0.0, 0.0), (30.0, 0.0)],
+        )
+        for k in range(2)
+    ],
+    footprints=[Footprint(name="car", length_m=5.0, width_m=1.8)],
+    areas=[ConflictArea(a=0, b=1, merge=False, a_windows_m=[[(8.0, 20.0)]], b_windows_m=[[(8.0, 20.0)]])],
+)
+Decide = Callable[["StandIn", list[State], int, float], list[Command]]
+
+
+def hold_speed(manager: StandIn, states: list[State], cycle: int, time_s: float) -> list[Command]:
+    """Clear everybody at once, at the speed it has: no traffic management, but every message of it."""
+    commands = []
+    for state in states:
+        offer = None
+        if state.accepted is None and state.distance_m > 0.0:
+            number = manager.offers.setdefault(state.vehicle, len(manager.offers))
+            speeds = [max(5.0, state.speed_mps)] * 300
+            offer = Clearance(id=number, start_s=time_s, expires_s=time_s + 0.5, speeds_mps=speeds)
+        commands.append(
+            Command(
+                vehicle=state.vehicle,
+                term=manager.charter.term,
+                cycle=cycle,
+                time_s=time_s,
+                speed_mps=max(5.0, state.speed_mps),
+                valid_until_s=time_s + 0.5,
+                clearance=offer,
+            )
+        )
+    return commands
+
+
+class StandIn:
+    """A hub with a map, a token and a `decide`; answers lock-steps, or the wall clock's grid."""
+
+    def __init__(self, decide: Decide = hold_speed, **charter: Any) -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        about = {
+            "term": 7,
+            "clock": "lockstep",
+            "profile": "default",
+            "geometry": "areas",
+            "turn_speed": True,
+        }
+        about |= {
+            "candidates": 1,
+            "workers": 0,
+            "process_id": os.getpid(),
+            "digest": MAP.digest(),
+            "map": MAP,
+        }
+        self.charter = Charter(**(about | charter))
+        self.offers: dict[str, int] = {}
+        self.states: list[State] = []
+        self.bids: list[Bid] = []
+        self.traffic: list[bytes] = []
+        self.tokens: list[tuple[zenoh.SampleKind, str]] = []
+        self.answered = asyncio.Event()
+        self._decide = decide
+        self._inbox: deque[tuple[str, bytes]] = deque()
+        self._awake = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+
+    async def __aenter__(self) -> Self:
+        config = zenoh.Config()
+        for key, value in {
+            "mode": '"router"',
+            "listen/endpoints": f'["{self.endpoint}"]',
+            "scouting/multicast/enabled": "false",
+            "scouting/gossip/enabled": "false",
+        }.items():
+            config.insert_json5(key, value)
+        self._session = await asyncio.to_thread(zenoh.open, config)
+        name = self.charter.map.intersection
+        answer = codec.CHARTER.encode(self.charter)
+        map_key = keys.intersection_map(name)
+        self._declared = [
+            self._session.declare_subscriber(f"gameopt/{keys.encode(name)}/**", self._arrived),
+            self._session.declare_queryable(map_key, lambda query: query.reply(map_key, answer)),
+            self._session.liveliness().declare_subscriber(
+                keys.alive(name, "*").replace("%2A", "*"),
+                lambda sample: self.tokens.append((sample.kind, keys.vehicle_of(str(sample.key_expr)))),
+            ),
+            self._session.liveliness().declare_token(keys.alive(name, "manager")),
+        ]
+        serve = self._serve_wall if self.charter.clock == "wall" else self._serve_lockstep
+        self._task = asyncio.create_task(serve())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+        await asyncio.to_thread(self._session.close)
+
+    def _arrived(self, sample: zenoh.Sample) -> None:
+        stream = str(sample.key_expr).split("/")[2]
+        if stream in ("state", "bid", "step"):
+            self._inbox.append((stream, sample.payload.to_bytes()))
+            self._loop.call_soon_threadsafe(self._awake.set)
+
+    async def _serve_lockstep(self) -> None:
+        states: list[State] = []
+        count, step = 0, None
+        while True:
+            self._awake.clear()
+            while self._inbox:
+                stream, payload = self._inbox.popleft()
+                count += stream != "step"
+                if stream == "step":
+                    step = codec.STEP.decode(payload)
+                else:
+                    self._take(stream, payload, states)
+            if step is not None and count == step.messages:
+                latest = {state.vehicle: state for state in states}  # delays may bring two at once
+                self._answer(list(latest.values()), step.cycle, step.time_s)
+                states, count, step = [], 0, None
+            await self._awake.wait()
+
+    async def _serve_wall(self) -> None:
+        while True:
+            cycle = int(time.time() * 10) + 1
+            await asyncio.sleep(cycle / 10 + 0.03 - time.time())
+            states: list[State] = []
+            while self._inbox:
+                self._take(*self._inbox.popleft(), states)
+            latest = {state.vehicle: state for state in states}
+            self._answer(list(latest.values()), cycle, cycle / 10)
+
+    def _take(self, stream: str, payload: bytes, states: list[State]) -> None:
+        self.traffic.append(payload)
+        if stream == "state":
+            states.append(codec.STATE.decode(payload))
+        elif stream == "bid":
+            self.bids.append(codec.BID.decode(payload))
+
+    def _answer(self, states: list[State], cycle: int, time_s: float) -> None:
+        self.states += states
+        commands = self._decide(self, states, cycle, time_s)
+        name = self.charter.map.intersection
+        for command in commands:
+            self._session.put(keys.of_vehicle(name, "command", command.vehicle), codec.COMMAND.encode(command))
+        counts = {"vehicles": len(states), "uncleared": 0, "cleared": 0, "commands": len(commands)}
+        counts |= {"candidates": 1, "selected": 0, "fallback": 0, "silent": 0, "received_total": 0}
+        totals = {"qp_solved_total": cycle, "qp_failed_total": 0, "qp_late_total": 0, "missed_total": 0}
+        report = CycleReport(
+            term=self.charter.term,
+            cycle=cycle,
+            time_s=time_s,
+            order=[],
+            granted=[],
+            delay_s=0.0,
+            elapsed_ms=1.5,
+            stages_ms={},
+            rejected_total={},
+            **counts,
+            **totals,
+        )
+        self._session.put(keys.cycle(name), codec.CYCLE.encode(report))
+        self.answered.set()
+
+
+def run(scenario: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    with asyncio.Runner(debug=True, loop_factory=uvloop.new_event_loop) as runner:
+        runner.run(scenario())

@@ -1,0 +1,182 @@
+"""The grid by itself, the wall clock on a clock made of numbers, and lock-step on messages made by hand."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+
+import pytest
+
+from gameopt_im.clock import Grid, LockStep, Tick, Upcoming, WallClock
+from gameopt_im.inbox import Raw
+from gameopt_wire import codec
+from gameopt_wire.messages import Step
+
+EPOCH_S = 1_700_000_000.0
+EPOCH = 17_000_000_000
+
+
+class Inbox:
+    """A source of messages that are there already."""
+
+    def __init__(self, *batches: list[Raw]) -> None:
+        self.batches: Iterator[list[Raw]] = iter(batches)
+
+    def drain(self) -> list[Raw]:
+        return next(self.batches, [])
+
+    async def arrival(self) -> None:
+        """The next batch is always there."""
+
+
+class Hands:
+    """A wall clock turned by hand: sleeping moves it on, by more than asked where `oversleep` says so."""
+
+    def __init__(self, now_s: float) -> None:
+        self.now_s = now_s
+        self.oversleep: list[float] = []
+        self.slept: list[float] = []
+
+    def now(self) -> float:
+        return self.now_s
+
+    async def sleep(self, seconds: float) -> None:
+        self.slept.append(seconds)
+        self.now_s += seconds + (self.oversleep.pop(0) if self.oversleep else 0.0)
+
+
+def wall_clock(hands: Hands, collect_s: float = 0.02, inbox: Inbox | None = None) -> WallClock:
+    return WallClock(inbox or Inbox(), collect_s, hands.now, hands.sleep)
+
+
+def ticks(clock: WallClock, count: int) -> list[Tick]:
+    async def run() -> list[Tick]:
+        return [await clock.next_cycle() for _ in range(count)]
+
+    return asyncio.run(run(), debug=True)
+
+
+@pytest.mark.parametrize(
+    ("now_s", "last", "upcoming"),
+    [
+        (EPOCH_S, None, Upcoming(EPOCH, 0)),  # due 20 ms after the grid point
+        (EPOCH_S + 0.05, None, Upcoming(EPOCH + 1, 0)),
+        (EPOCH_S + 0.03, EPOCH, Upcoming(EPOCH + 1, 0)),  # done with a control cycle in 10 ms
+        (EPOCH_S + 0.11, EPOCH, Upcoming(EPOCH + 1, 0)),  # past the grid point, not yet past its moment
+        (EPOCH_S + 0.13, EPOCH, Upcoming(EPOCH + 2, 1)),
+        (EPOCH_S + 1.03, EPOCH, Upcoming(EPOCH + 11, 10)),
+        (EPOCH_S - 0.05, EPOCH, Upcoming(EPOCH + 1, 0)),  # set back by less than a control cycle
+        (EPOCH_S - 3600.0, EPOCH, Upcoming(EPOCH - 36_000, 0)),  # set back by an hour
+    ],
+)
+def test_the_next_control_cycle_on_the_grid(now_s: float, last: int | None, upcoming: Upcoming) -> None:
+    assert Grid(0.02).after(now_s, last) == upcoming
+
+
+def test_a_grid_point_is_the_nearest_float_to_its_time() -> None:
+    grid = Grid()
+    assert [grid.time_s(EPOCH + k) for k in range(4)] == [
+        EPOCH_S,
+        EPOCH_S + 0.1,
+        EPOCH_S + 0.2,
+        EPOCH_S + 0.3,
+    ]
+
+
+def test_every_cycle_comes_once_when_each_is_quick() -> None:
+    clock = wall_clock(Hands(EPOCH_S + 0.5))
+    cycles = [tick.cycle for tick in ticks(clock, 50)]
+    assert cycles == list(range(EPOCH + 5, EPOCH + 55))
+    assert clock.missed == 0
+
+
+def test_late_wake_ups_do_not_add_up() -> None:
+    hands = Hands(EPOCH_S)
+    hands.oversleep = [0.004] * 1000
+    clock = wall_clock(hands)
+    assert ticks(clock, 1000)[-1].cycle == EPOCH + 999
+    assert hands.now_s == pytest.approx(EPOCH_S + 99.9 + 0.02 + 0.004, abs=1e-5)
+    assert clock.missed == 0
+
+
+def test_a_stall_is_counted_and_not_caught_up() -> None:
+    hands = Hands(EPOCH_S)
+    clock = wall_clock(hands)
+
+    async def run() -> list[int]:
+        first = await clock.next_cycle()
+        hands.now_s += 0.55  # the control cycle takes more than half a second
+        second, third = await clock.next_cycle(), await clock.next_cycle()
+        return [tick.cycle - EPOCH for tick in (first, second, third)]
+
+    assert asyncio.run(run(), debug=True) == [0, 6, 7]
+    assert clock.missed == 5
+
+
+def test_sleeping_through_cycles_misses_each_of_them_once() -> None:
+    hands = Hands(EPOCH_S)
+    hands.oversleep = [0.0, 1.05]
+    clock = wall_clock(hands)
+    assert [tick.cycle - EPOCH for tick in ticks(clock, 3)] == [0, 12, 13]
+    assert clock.missed == 11
+
+
+def test_a_clock_set_back_does_not_stand_still() -> None:
+    hands = Hands(EPOCH_S)
+    hands.oversleep = [0.0, -3600.0]
+    clock = wall_clock(hands)
+    last = ticks(clock, 3)[-1]
+    assert last.time_s == pytest.approx(EPOCH_S - 3600.0, abs=1.0)
+    assert max(hands.slept) <= 0.2 + 1e-6
+    assert clock.missed == 0
+
+
+def test_a_tick_brings_the_messages_of_vehicles_and_no_steps() -> None:
+    state, step = Raw("state", b"s", "k"), Raw("step", b"", "k")
+    (tick,) = ticks(wall_clock(Hands(EPOCH_S), inbox=Inbox([state, step])), 1)
+    assert tick.messages == [state]
+
+
+def step(cycle: int, messages: int) -> Raw:
+    return Raw("step", codec.STEP.encode(Step(cycle=cycle, time_s=cycle / 10, messages=messages)), "k")
+
+
+STATE, BID, GONE = Raw("state", b"s", "k"), Raw("bid", b"b", "k"), Raw("gone", b"", "k")
+
+
+def test_lock_step_waits_for_the_step_and_all_its_messages() -> None:
+    clock = LockStep(Inbox())
+    assert clock.take([STATE]) is None
+    assert clock.take([step(7, 2)]) is None
+    assert clock.take([BID]) == Tick(7, 0.7, [STATE, BID], restarted=False)
+    assert clock.take([STATE, BID]) is None
+
+
+def test_lock_step_does_not_count_liveliness_as_a_message() -> None:
+    clock = LockStep(Inbox())
+    assert clock.take([step(1, 1), GONE]) is None
+    tick = clock.take([STATE])
+    assert tick is not None
+    assert tick.messages == [GONE, STATE]
+
+
+def test_lock_step_goes_on_with_an_empty_road() -> None:
+    assert LockStep(Inbox()).take([step(1, 0)]) == Tick(1, 0.1, [])
+
+
+def test_lock_step_says_when_time_begins_anew() -> None:
+    clock = LockStep(Inbox())
+    restarted = [tick.restarted for cycle in (1, 2, 1) if (tick := clock.take([step(cycle, 0)]))]
+    assert restarted == [False, False, True]
+
+
+def test_a_broken_step_is_counted_and_the_next_one_holds() -> None:
+    clock = LockStep(Inbox())
+    assert clock.take([Raw("step", b"\xc1", "k")]) is None
+    assert clock.take([step(3, 1), step(4, 0)]) == Tick(4, 0.4, [])
+    assert clock.rejected == {"malformed": 1}
+
+
+def test_lock_step_reads_on_until_the_cycle_is_complete() -> None:
+    clock = LockStep(Inbox([], [STATE], [step(1, 2)], [BID]))
+    assert asyncio.run(clock.next_cycle(), debug=True) == Tick(1, 0.1, [STATE, BID])

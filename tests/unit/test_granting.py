@@ -1,0 +1,193 @@
+"""Clearances: windows, worst cases and reservations with numbers small enough to work out by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from builders import four_arm
+
+from gameopt_im.core import interlock
+from gameopt_im.core.conflicts import ground
+from gameopt_im.core.granting import NO_SLOT, Grants, grant
+from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
+from gameopt_im.core.kinematics import NEVER
+from gameopt_im.core.parameters import Parameters
+from gameopt_im.core.profiles import HORIZON, STOP_PLAY_M, clear_time, drive, held_back, overlap, resting
+from gameopt_im.core.reservations import Book, clash
+from gameopt_im.core.snapshot import Floats, Snapshot
+from gameopt_wire import motion
+from gameopt_wire.messages import STEP_S
+
+GROUND = ground(four_arm(), "areas", 25.0, turn_speed=True)
+PARAMETERS = Parameters()
+TIMES = np.arange(HORIZON) * STEP_S
+ACROSS, OTHER = 1, 7
+"""Two movements straight on that cross: windows [5, 9] m on the first, [11, 15] m on the second."""
+
+
+def snapshot(**columns: Any) -> Snapshot:
+    """Cars by column, each on the lane of its movement; what is not given is that of a fresh car going straight on."""
+    n = len(columns["s"])
+    movement = np.asarray(columns.pop("movement", [ACROSS] * n), dtype=np.int64)
+    values: dict[str, Any] = {
+        "cycle": 0, "time_s": 0.0, "ids": tuple("abcdefgh"[:n]), "v": np.full(n, 10.0), "length": np.full(n, 5.0),
+        "a_max": np.full(n, 2.6), "b_max": np.full(n, 4.5), "v_max": np.full(n, 19.0), "movement": movement,
+        "lane": movement, "footprint": np.zeros(n, dtype=np.int64), "waited": np.zeros(n),
+        "assertiveness": np.ones(n), "speed_priority": np.ones(n), "variation_priority": np.ones(n),
+        "accepted": np.full(n, -1), "silent": np.zeros(n, dtype=np.bool_), "age": np.zeros(n),
+    }  # fmt: skip
+    return Snapshot(**(values | {k: v if np.isscalar(v) else np.asarray(v) for k, v in columns.items()}))
+
+
+def limits_of(cars: Snapshot, book: Book) -> Limits:
+    return interlock.limits(cars, GROUND, interlock.phases(cars, GROUND, book), cars.age, PARAMETERS.exit)
+
+
+def granted(cars: Snapshot, book: Book, slots: list[float], first: int = 1) -> Grants:
+    """All ask, in the order of the snapshot."""
+    everyone = np.arange(len(cars))
+    asking = np.ones(len(cars), dtype=np.bool_)
+    return grant(cars, GROUND, book, limits_of(cars, book), everyone, np.array(slots), asking, PARAMETERS, first)
+
+
+def window(begin: float, end: float, speed_in: float = 10.0, speed_out: float = 10.0) -> tuple[float, ...]:
+    return begin, end, speed_in, speed_out
+
+
+def test_windows_apart_by_the_margin_do_not_overlap() -> None:
+    assert overlap(window(4.2, 5.0), window(3.0, 4.0), 0.15, 1.0) == 0.0
+    assert overlap(window(1.0, 2.0), window(2.2, 3.0), 0.15, 1.0) == 0.0
+    assert overlap(window(3.2, 3.8), window(-1.0, -1.0), 0.15, 1.0) == 0.0  # it has left
+
+
+def test_the_margin_in_seconds_counts_before_and_after() -> None:
+    assert overlap(window(4.1, 5.0), window(3.0, 4.0), 0.15, 0.0) == pytest.approx(0.05)
+    assert overlap(window(1.0, 2.0), window(2.1, 3.0), 0.15, 0.0) == pytest.approx(3.15 - 1.0)
+
+
+def test_the_margin_in_metres_counts_at_the_slower_speed() -> None:
+    assert overlap(window(4.1, 5.0, speed_in=4.0), window(3.0, 4.0), 0.0, 1.0) == pytest.approx(0.15)
+    assert overlap(window(4.1, 5.0), window(3.0, 4.0, speed_out=4.0), 0.0, 1.0) == pytest.approx(0.15)
+    assert overlap(window(1.0, 2.0), window(2.1, 3.0, speed_in=2.0), 0.0, 1.0) > 0.0
+    assert overlap(window(1.0, 2.0, speed_out=2.0), window(2.1, 3.0), 0.0, 1.0) > 0.0
+
+
+def clash_behind(x0: float, movement: int, margin_s: float, margin_m: float) -> float:
+    """A car from x0 against one from -50 m across, both at 10 m/s: that one is on the area from 5.5 to 6.4 s."""
+    held, mine = (-50.0 + 10.0 * TIMES)[None], x0 + 10.0 * TIMES
+    one = np.array([ACROSS])
+    return float(
+        clash(
+            mine, mine, 5.0, movement, 0, held, held, np.array([0]), one, np.array([0]), np.array([5.0]),
+            GROUND.windows, margin_s, margin_m,
+        )
+    )  # fmt: skip
+
+
+def test_a_profile_across_a_reservation_comes_later_by_the_overlap() -> None:
+    assert clash_behind(-40.0, OTHER, 0.15, 1.0) == pytest.approx(6.4 + 0.15 - 5.1)
+    assert clash_behind(-53.0, OTHER, 0.15, 0.0) == pytest.approx(0.15)
+    assert clash_behind(-53.0, OTHER, 0.0, 3.0) == pytest.approx(0.3)
+    assert clash_behind(-60.0, OTHER, 0.15, 1.0) == 0.0
+    assert clash_behind(-40.0, 0, 0.15, 1.0) == 0.0  # a right turn that meets nobody
+
+
+def test_who_would_clash_is_aimed_later() -> None:
+    cars, book = snapshot(s=[50.0, 50.0], movement=[ACROSS, OTHER]), Book()
+    made = granted(cars, book, [4.5, 4.5])
+    assert [each.vehicle for each in made.given] == ["a", "b"]
+    assert [each.clearance for each in made.given] == [1, 2]
+    first, second = made.given
+    rear_out = clear_time(first.late_x, 9.0 + 5.0)
+    assert clear_time(second.x, 11.0) >= rear_out + PARAMETERS.interlock.margin_s
+    assert clear_time(second.x, 0.0) > clear_time(first.x, 0.0)
+
+
+def test_who_would_clash_without_a_slot_is_refused() -> None:
+    cars, book = snapshot(s=[50.0, 50.0], movement=[ACROSS, OTHER]), Book()
+    made = granted(cars, book, [NO_SLOT, NO_SLOT])
+    assert [each.vehicle for each in made.given] == ["a"]
+    assert made.refused == 1
+    assert list(book.held) == ["a"]
+
+
+def test_a_follower_is_cleared_only_after_its_leader_has_accepted() -> None:
+    cars, book = snapshot(s=[40.0, 60.0]), Book()
+    assert [each.vehicle for each in granted(cars, book, [4.0, 7.0]).given] == ["a"]
+    assert granted(cars, book, [4.0, 7.0], first=2).given == ()
+    book.accept("a")
+    assert [each.vehicle for each in granted(cars, book, [4.0, 7.0], first=2).given] == ["b"]
+
+
+def test_a_follower_reserves_for_its_leaders_worst_case() -> None:
+    cars, book = snapshot(s=[40.0, 60.0]), Book()
+    granted(cars, book, [4.0, 7.0])
+    book.accept("a")
+    granted(cars, book, [4.0, 7.0], first=2)
+    room = book.held["a"].late_x - 5.0 - motion.REAR_GAP_M
+    assert (book.held["b"].late_x <= room + STOP_PLAY_M).all()
+
+
+def test_a_silent_vehicle_is_not_cleared() -> None:
+    assert granted(snapshot(s=[40.0], silent=[True]), Book(), [4.0]).given == ()
+
+
+def held(room: Floats, lead_v: Floats) -> tuple[int, Floats]:
+    """The worst case of a car that wants 10 m/s from x = 0, its rear clear at 15 m."""
+    late_x, late_v = np.empty(HORIZON), np.empty(HORIZON)
+    done = held_back(
+        0.0, 10.0, np.full(HORIZON, 10.0), 0, (5.0, 2.6, 4.5), 15.0, (0.0, 10.0, 1e6),
+        room[None], lead_v[None], np.array([4.5]), late_x, late_v,
+    )  # fmt: skip
+    return done, late_x
+
+
+def test_the_worst_case_is_slower_behind_a_braking_leader() -> None:
+    free_done, free = held(np.full(HORIZON, NEVER), np.zeros(HORIZON))
+    np.testing.assert_allclose(free, 10.0 * TIMES)
+    lead_x, lead_v = resting(22.0, 10.0, 4.5, brake=True)
+    room = lead_x - 7.0
+    done, late = held(room, lead_v)
+    assert done > free_done > 0
+    assert (late <= free + 1e-9).all()
+    assert late[-1] < free[-1] - 100.0
+    assert (late <= room + STOP_PLAY_M).all()
+
+
+def drive_behind(room_m: float) -> int:
+    """A car at 15 m/s, `room_m` behind one that stands for 3 s and is then gone."""
+    room = np.where(TIMES < 3.0, room_m, NEVER)[None]
+    body, way = (5.0, 2.6, 4.5, 15.0, 15.0), (NEVER, 21.0, 22.0, 15.0, 1.0)
+    x, v = np.empty(HORIZON), np.empty(HORIZON)
+    lead_v, lead_b = np.zeros((1, HORIZON)), np.array([4.5])
+    done = drive(0.0, 15.0, NO_SLOT, body, way, (1.0, 3.4), 0.5, room, lead_v, lead_b, x, v)
+    if done >= 0:
+        assert x[int(3.0 / STEP_S) - 1] <= room_m + STOP_PLAY_M
+    return int(done)
+
+
+def test_a_drive_that_cannot_keep_rule_2_is_refused() -> None:
+    assert drive_behind(15.0**2 / 9.0 + 1.0) > 0
+    assert drive_behind(15.0**2 / 9.0 - 1.0) == -1
+
+
+@pytest.mark.parametrize(("nearer", "phase"), [(0.0, UNCLEARED), (0.1, INTRUDING)])
+def test_rule_1s_curve_parts_the_uncleared_from_the_intruding(nearer: float, phase: int) -> None:
+    on_curve = motion.STOP_OFFSET_M + 10.0**2 / 9.0
+    cars = snapshot(s=[on_curve - nearer])
+    assert interlock.phases(cars, GROUND, Book()).tolist() == [phase]
+
+
+def test_the_interlock_bounds_every_speed() -> None:
+    values = np.random.default_rng(2).uniform(2.0, 20.0, (6, 200))
+    stop, follow, turn, top, floor, planned = values
+    floor = floor - 8.0
+    none = np.full(200, -1)
+    made = interlock.bounded(planned, Limits(none, none, none, stop, follow, turn, top, floor))
+    for limit in (planned, stop, follow, turn, top):
+        assert (made <= np.maximum(limit, floor)).all()
+        assert (made == limit).any()  # each is met: none can be left out
+    assert (made >= floor).all()
+    assert (made == floor).any()

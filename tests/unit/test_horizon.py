@@ -1,0 +1,147 @@
+"""The horizon program: its cost against the sum it stands for, its rows against the ways they bound."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.sparse import csc_matrix
+
+from gameopt_im.core import horizon
+from gameopt_im.core.horizon import SLACK_MPS, HorizonRules, HorizonTask
+from gameopt_im.core.kinematics import NEVER
+from gameopt_im.core.program import Sparse
+from gameopt_im.core.snapshot import Floats
+
+BLOCKS = (0.5, 0.5, 1.0)
+ENDS = np.cumsum(BLOCKS)
+H = len(BLOCKS)
+RULES = HorizonRules(blocks=BLOCKS, trade_off=0.7, rear_gap=2.0, decels=(1.0, 1.5, 2.25, 3.4), slowest=0.5)
+SLOTS = np.array([6.0, 9.0, 7.0])
+TASK = HorizonTask(
+    counts=(2, 1),
+    s=np.array([60.0, 80.0, 70.0]),
+    v=np.array([10.0, 10.0, 12.0]),
+    length=np.array([5.0, 5.0, 12.0]),
+    a=np.array([2.0, 2.0, 1.0]),
+    b=np.array([4.5, 4.5, 4.0]),
+    top=np.array([20.0, 18.0, 15.0]),
+    line_cap=np.array([20.0, 18.0, 9.0]),
+    ps=np.array([1.0, 5.0, 0.8]),
+    pv=np.array([1.0, 0.5, 2.5]),
+    room=np.full((3, H), NEVER),
+)
+CORRIDOR, SPEED, CHANGE, REAR_END = (slice(3 * H * k, 3 * H * (k + 1)) for k in range(4))
+
+
+def dense(matrix: Sparse) -> Floats:
+    return csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape).toarray()
+
+
+def ways(task: HorizonTask, u: Floats) -> Floats:
+    """(n, H) ways by the ends of the blocks, one trapezium after the other."""
+    speeds = np.column_stack([task.v, u.reshape(len(task.s), H)])
+    return np.cumsum(0.5 * (speeds[:, 1:] + speeds[:, :-1]) * BLOCKS, axis=1)
+
+
+def cost(u: Floats) -> float:
+    """`eq:J2` summed block by block."""
+    total = 0.0
+    for i, speeds in enumerate(u.reshape(3, H)):
+        before = TASK.v[i]
+        for speed in speeds:
+            total += 0.7 * TASK.ps[i] * (speed - TASK.top[i]) ** 2 + 0.3 * TASK.pv[i] * (speed - before) ** 2
+            before = speed
+    return total
+
+
+def test_the_cost_is_the_sum_of_the_papers_up_to_a_constant() -> None:
+    qp, _ = horizon.build(TASK, RULES, SLOTS)
+    upper = dense(qp.P)
+    both = upper + np.triu(upper, 1).T
+    constant = cost(np.zeros(3 * H))
+    for u in np.random.default_rng(1).uniform(0.0, 20.0, (5, 3 * H)):
+        assert 0.5 * u @ both @ u + qp.q @ u + constant == pytest.approx(cost(u))
+        assert horizon.objective(TASK, RULES, u) == pytest.approx(cost(u))
+
+
+@pytest.mark.parametrize("shift", [-3.0, 0.0, 5.0])
+def test_the_reference_is_inside_with_play_to_spare(shift: float) -> None:
+    qp, reference = horizon.build(TASK, RULES, SLOTS + shift)
+    at = dense(qp.A) @ reference
+    assert (qp.l <= at + 1e-9).all()
+    assert (at <= qp.u + 1e-9).all()
+    for rows in (CORRIDOR, CHANGE):
+        assert (at[rows] - qp.l[rows] >= SLACK_MPS - 1e-9).all()
+        assert (qp.u[rows] - at[rows] >= SLACK_MPS - 1e-9).all()
+
+
+def test_the_rows_are_ways_speeds_and_changes() -> None:
+    qp, _ = horizon.build(TASK, RULES, SLOTS)
+    assert qp.A.shape == (10 * H, 3 * H)
+    u = np.random.default_rng(2).uniform(0.0, 20.0, 3 * H)
+    at, way = dense(qp.A) @ u, ways(TASK, u) - 0.5 * BLOCKS[0] * TASK.v[:, None]
+    np.testing.assert_allclose(at[CORRIDOR].reshape(3, H), way / ENDS)
+    np.testing.assert_allclose(at[SPEED], u)
+    np.testing.assert_allclose(at[CHANGE].reshape(3, H), np.diff(u.reshape(3, H), axis=1, prepend=0.0))
+    np.testing.assert_allclose(at[REAR_END], (way[1] - way[0]) / ENDS)
+
+
+def test_the_corridor_by_hand() -> None:
+    # 2 s before its slot, at 10 m/s over the line: at most 2 * 10 - 2 * 2^2 / 2 = 16 m to go; at least, from 20 m/s
+    # braked at 3 m/s^2, 2 * 10 + 3 * 2^2 / 2 = 26 m.
+    one = {name: getattr(TASK, name)[:1] for name in ("s", "v", "length", "a", "b", "top", "line_cap", "ps", "pv")}
+    task = HorizonTask(counts=(1,), room=np.full((1, 1), NEVER), **one)
+    least, most = horizon.corridor(task, np.array([5.0]), np.array([10.0]), np.array([3.0]))
+    assert (least.item(), most.item()) == (pytest.approx(60.0 - 26.0), pytest.approx(60.0 - 16.0))
+    least, most = horizon.corridor(task, np.array([5.0]), np.array([10.0]), np.array([6.0]))
+    assert (least.item(), most.item()) == (pytest.approx(60.0 + 10.0), NEVER)
+
+
+def test_the_corridor_bounds_the_way_of_the_program() -> None:
+    qp, reference = horizon.build(TASK, RULES, SLOTS)
+    line = horizon.reference(
+        TASK.s, TASK.v, SLOTS, TASK.a, TASK.b, TASK.top, TASK.line_cap, RULES.decels, RULES.slowest, np.array(BLOCKS)
+    )[1]
+    least, most = horizon.corridor(TASK, SLOTS, line, ENDS)
+    start, way = 0.5 * BLOCKS[0] * TASK.v[:, None], ways(TASK, reference)
+    assert np.count_nonzero(least < way) > H
+    assert np.count_nonzero(way < most) > H
+    low = (np.minimum(least, way) - start) / ENDS - SLACK_MPS  # widened to hold the reference
+    high = (np.maximum(most, way) - start) / ENDS + SLACK_MPS
+    np.testing.assert_allclose(qp.l[CORRIDOR].reshape(3, H), low)
+    np.testing.assert_allclose(qp.u[CORRIDOR].reshape(3, H), high)
+
+
+def test_a_cleared_leader_leaves_less_room() -> None:
+    free = horizon.build(TASK, RULES, SLOTS)[0].u[CORRIDOR]
+    room = TASK.room.copy()
+    room[2] = [7.0, 14.0, 27.0]
+    tight = horizon.build(replace(TASK, room=room), RULES, SLOTS)[0].u[CORRIDOR]
+    np.testing.assert_allclose(tight[2 * H :], (room[2] - 3.0) / ENDS + SLACK_MPS)
+    assert (tight[2 * H :] < free[2 * H :]).all()
+    np.testing.assert_array_equal(tight[: 2 * H], free[: 2 * H])
+
+
+def test_the_boxes_are_limits_and_reach() -> None:
+    qp, _ = horizon.build(TASK, RULES, SLOTS)
+    assert (qp.l[SPEED] == 0.0).all()
+    np.testing.assert_allclose(qp.u[SPEED], np.repeat(TASK.top, H))
+    now = np.column_stack([TASK.v, np.zeros((3, H - 1))])
+    np.testing.assert_allclose(qp.u[CHANGE].reshape(3, H), now + TASK.a[:, None] * BLOCKS + SLACK_MPS)
+    assert (qp.l[CHANGE].reshape(3, H) <= now - 1.5 * np.array(BLOCKS) - SLACK_MPS + 1e-9).all()
+    assert (qp.l[CHANGE].reshape(3, H) >= now - 3.4 * np.array(BLOCKS) - SLACK_MPS - 1e-9).all()
+
+
+def test_a_follower_keeps_its_distance() -> None:
+    qp, _ = horizon.build(TASK, RULES, SLOTS)
+    np.testing.assert_allclose(qp.u[REAR_END], 13.0 / ENDS + SLACK_MPS)  # 20 m less its length and 2 m; same speed
+    assert np.isneginf(qp.l[REAR_END]).all()
+    back = replace(TASK, s=TASK.s + np.array([4.0, 0.0, 0.0]))
+    np.testing.assert_allclose(horizon.build(back, RULES, SLOTS)[0].u[REAR_END], 9.0 / ENDS + SLACK_MPS)
+
+
+def test_the_first_speed_is_on_the_way_to_the_first_blocks_end() -> None:
+    u = np.repeat(np.array([15.0, 5.0, 12.0]), H)
+    np.testing.assert_allclose(horizon.first_speeds(TASK, RULES, u), [11.0, 9.0, 12.0])

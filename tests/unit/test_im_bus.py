@@ -1,0 +1,253 @@
+"""The manager's bus against a second Zenoh session in the same process, over a real endpoint."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import queue
+import socket
+from collections.abc import AsyncIterator, Coroutine
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from gameopt_im.bus import Bus, BusError, configuration
+from gameopt_im.inbox import Raw
+from gameopt_wire import codec, keys
+from gameopt_wire.messages import Command, LedgerEntry
+
+HERE = "cross/roads"
+CHARTER = b"the charter, prebuilt"
+PATIENCE_S = 10.0
+"""Nothing takes this long; a test that would otherwise hang fails instead."""
+
+
+def run(work: Coroutine[Any, Any, None]) -> None:
+    async def bounded() -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            await work
+
+    asyncio.run(bounded(), debug=True)
+
+
+def free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@asynccontextmanager
+async def hub(endpoint: str) -> AsyncIterator[Bus]:
+    async with await Bus.open(HERE, configuration(listen=[endpoint]), CHARTER) as bus:
+        yield bus
+
+
+@asynccontextmanager
+async def vehicles(endpoint: str) -> AsyncIterator[zenoh.Session]:
+    session = await asyncio.to_thread(zenoh.open, configuration(connect=[endpoint]))
+    try:
+        yield session
+    finally:
+        await asyncio.to_thread(session.close)
+
+
+async def ask_map(session: zenoh.Session) -> list[bytes]:
+    """The answers to a query of the map; with them, the hub has seen all that was declared before."""
+
+    def ask() -> list[bytes]:
+        replies = session.get(keys.intersection_map(HERE), timeout=PATIENCE_S)
+        return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+
+    return await asyncio.to_thread(ask)
+
+
+async def gather(bus: Bus, count: int) -> list[Raw]:
+    messages: list[Raw] = []
+    while len(messages) < count:
+        await bus.arrival()
+        messages += bus.drain()
+    return messages
+
+
+def test_the_map_query_is_answered_with_the_charter() -> None:
+    async def work() -> None:
+        endpoint = free_endpoint()
+        async with hub(endpoint), vehicles(endpoint) as session:
+            assert await ask_map(session) == [CHARTER]
+
+    run(work())
+
+
+def test_states_bids_and_steps_are_handed_over_as_they_came() -> None:
+    async def work() -> None:
+        endpoint = free_endpoint()
+        sent = {
+            Raw("state", b"\x00state", keys.of_vehicle(HERE, "state", "car/1*")),
+            Raw("bid", b"bid", keys.of_vehicle(HERE, "bid", "car/1*")),
+            Raw("step", b"step", keys.step(HERE)),
+        }
+        async with hub(endpoint) as bus, vehicles(endpoint) as session:
+            for raw in sent:
+                session.put(raw.key, raw.payload)
+            session.put(keys.of_vehicle("elsewhere", "state", "a"), b"not ours")
+            assert set(await gather(bus, 3)) == sent
+            assert bus.drain() == []
+
+    run(work())
+
+
+def test_messages_of_one_kind_keep_their_order() -> None:
+    async def work() -> None:
+        endpoint = free_endpoint()
+        async with hub(endpoint) as bus, vehicles(endpoint) as session:
+            key = keys.of_vehicle(HERE, "state", "a")
+            block = zenoh.CongestionControl.BLOCK
+            for index in range(2000):
+                session.put(key, str(index).encode(), congestion_control=block)
+            messages = await gather(bus, 2000)
+            assert [int(raw.payload) for raw in messages] == list(range(2000))
+
+    run(work())
+
+
+def test_an_oversized_message_is_cut_to_what_is_rejected_anyway() -> None:
+    async def work() -> None:
+        endpoint = free_endpoint()
+        async with hub(endpoint) as bus, vehicles(endpoint) as session:
+            session.put(keys.of_vehicle(HERE, "state", "a"), b"x" * 1_000_000)
+            (raw,) = await gather(bus, 1)
+            with pytest.raises(codec.Rejected, match="oversized"):
+                codec.STATE.decode(raw.payload)
+            assert len(raw.payload) == codec.MAX_BYTES + 1
+
+    run(work())
+
+
+def test_a_vehicle_whose_token_vanishes_is_gone() -> None:
+    async def work() -> None:
+        endpoint = free_endpoint()
+        async with hub(endpoint) as bus:
+            async with vehicles(endpoint) as session:
+                leaving = session.liveliness().declare_token(keys.alive(HERE, "leaving/1"))
+                cut_off = session.liveliness().declare_token(keys.alive(HERE, "cut off"))
+                await ask_map(session)
+                assert bus.drain() == []
+                await asyncio.to_thread(leaving.undeclare)
+                assert await gather(bus, 1) == [Raw("gone", b"", keys.alive(HERE, "leaving/1"))]
+            assert await gather(bus, 1) == [Raw("gone", b"", keys.alive(HERE, "cut off"))]
+            del cut_off  # held until here: a token that nobody holds is withdrawn
+
+    run(work())
+
+
+def test_commands_and_ledger_entries_reach_their_vehicle_and_the_manager_is_alive() -> None:
+    command = Command(vehicle="car/1", term=1, cycle=2, time_s=0.2, speed_mps=9.0, valid_until_s=0.7)
+    entry = LedgerEntry(vehicle="car/1", term=1, entered_s=0.1, cleared_s=0.2, price=0.5, bid=0.75)
+
+    async def work() -> None:
+        endpoint = free_endpoint()
+        async with hub(endpoint) as bus, vehicles(endpoint) as session:
+            heard: queue.Queue[tuple[str, bytes]] = queue.Queue()
+            presence: queue.Queue[zenoh.SampleKind] = queue.Queue()
+            for stream in ("command", "ledger"):
+                session.declare_subscriber(
+                    f"{keys.ROOT}/{keys.encode(HERE)}/{stream}/*",
+                    lambda sample: heard.put((str(sample.key_expr), sample.payload.to_bytes())),
+                )
+            session.liveliness().declare_subscriber(
+                keys.alive(HERE, "manager"), lambda sample: presence.put(sample.kind), history=True
+            )
+            await ask_map(session)
+            bus.publish_commands([command])
+            bus.publish_ledger(entry)
+            received = {await asyncio.to_thread(heard.get, timeout=PATIENCE_S) for _ in range(2)}
+            assert received == {
+                (keys.of_vehicle(HERE, "command", "car/1"), codec.COMMAND.encode(command)),
+                (keys.of_vehicle(HERE, "ledger", "car/1"), codec.LEDGER.encode(entry)),
+            }
+            assert await asyncio.to_thread(presence.get, timeout=PATIENCE_S) == zenoh.SampleKind.PUT
+            await bus.close()
+            assert await asyncio.to_thread(presence.get, timeout=PATIENCE_S) == zenoh.SampleKind.DELETE
+
+    run(work())
+
+
+def test_a_taken_port_is_one_line() -> None:
+    async def work() -> None:
+        endpoint = free_endpoint()
+        async with hub(endpoint):
+            with pytest.raises(BusError) as caught:
+                await Bus.open(HERE, configuration(listen=[endpoint]), CHARTER)
+        assert str(caught.value) == f"{endpoint}: Address already in use"
+
+    run(work())
+
+
+def test_nobody_at_the_other_end_is_one_line() -> None:
+    async def work() -> None:
+        endpoint = free_endpoint()
+        with pytest.raises(BusError) as caught:
+            await Bus.open(HERE, configuration(connect=[endpoint]), CHARTER)
+        assert str(caught.value) == f"{endpoint}: nobody listens there"
+
+    run(work())
+
+
+def test_a_second_manager_of_the_same_intersection_is_refused() -> None:
+    async def work() -> None:
+        endpoint = free_endpoint()
+        async with hub(endpoint):
+            with pytest.raises(BusError, match="a manager is already running"):
+                await Bus.open(HERE, configuration(connect=[endpoint]), CHARTER)
+            async with await Bus.open("elsewhere", configuration(connect=[endpoint]), CHARTER):
+                pass
+
+    run(work())
+
+
+@pytest.mark.parametrize("endpoint", ["tcp/127.0.0.1", "carrier-pigeon/127.0.0.1:7447", "7447", ""])
+def test_an_endpoint_that_is_none_is_one_line_that_names_it(endpoint: str) -> None:
+    async def work() -> None:
+        with pytest.raises(BusError) as caught:
+            await Bus.open(HERE, configuration(listen=[endpoint]), CHARTER)
+        message = str(caught.value)
+        assert message.startswith(f"{endpoint}: ")
+        assert "\n" not in message
+        assert ".rs" not in message
+
+    run(work())
+
+
+def test_without_a_file_nobody_is_looked_for_and_the_mode_follows_the_endpoints() -> None:
+    for listen, connect, mode in ((["tcp/127.0.0.1:1"], [], "router"), ([], ["tcp/127.0.0.1:1"], "client")):
+        config = configuration(listen=listen, connect=connect)
+        assert json.loads(config.get_json("mode")) == mode
+        assert json.loads(config.get_json("scouting/multicast/enabled")) is False
+        assert json.loads(config.get_json("scouting/gossip/enabled")) is False
+
+
+def test_a_users_own_file_is_taken_and_endpoints_given_replace_its_own(tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text('{ mode: "peer", listen: { endpoints: ["tcp/127.0.0.1:1"] } }')
+    config = configuration(zenoh_config=file)
+    assert json.loads(config.get_json("mode")) == "peer"
+    assert "127.0.0.1:1" in config.get_json("listen/endpoints")
+    config = configuration(listen=["tcp/127.0.0.1:2"], zenoh_config=file)
+    assert "127.0.0.1:2" in config.get_json("listen/endpoints")
+    assert "127.0.0.1:1" not in config.get_json("listen/endpoints")
+
+
+@pytest.mark.parametrize("text", ['{ mode: "rou', '{ mode: "banana" }', None])
+def test_a_broken_file_is_one_line_that_names_it(tmp_path: Path, text: str | None) -> None:
+    file = tmp_path / "zenoh.json5"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(BusError) as caught:
+        configuration(zenoh_config=file)
+    message = str(caught.value)
+    assert message.startswith(f"{file}: ")
+    assert "\n" not in message
+    assert ".rs" not in message

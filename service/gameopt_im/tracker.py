@@ -79,12 +79,15 @@ class Tracker:
         self._clear_m: list[float] = ground.clear.tolist()
         self._vehicles: dict[str, Tracked] = {}
         self._bids: dict[str, Bid] = {}
+        self._gone: dict[str, State] = {}
+        """The last state of vehicles dropped a moment ago: a copy that comes late is no new arrival."""
         self._events: list[Event] = []
 
     def reset(self) -> None:
         """Forgets every vehicle without a word, as when lock-step time begins anew; counters go on."""
         self._vehicles.clear()
         self._bids.clear()
+        self._gone.clear()
         self._events.clear()
 
     def ingest(self, messages: Iterable[Raw], now_s: float) -> None:
@@ -111,7 +114,8 @@ class Tracker:
         movement = self._movements.get(state.movement)
         if movement is None:
             return self._count("unknown_movement")
-        reason = self._implausible(state, movement, now_s) or _outdated(known.state if known else None, state)
+        last = known.state if known else self._gone.get(state.vehicle)
+        reason = self._implausible(state, movement, now_s) or _outdated(last, state)
         if reason is None and known and known.holds_clearance and known.body != body_of(state):
             reason = "changed"
         if reason is None and known is None and len(self._vehicles) >= self._parameters.service.max_vehicles:
@@ -163,8 +167,9 @@ class Tracker:
             if fate is not None:
                 del self._vehicles[vehicle.state.vehicle]
                 self._bids.pop(vehicle.state.vehicle, None)
+                self._gone[vehicle.state.vehicle] = vehicle.state
                 self._tell(fate, vehicle, time_s)
-        self._forget_bids(time_s)
+        self._forget(time_s)
         present = sorted(self._vehicles.values(), key=lambda each: (each.entered_s, each.state.vehicle))
         self.fallbacks = sum(each.state.fallback for each in present)
         silent_s = SILENT_CYCLES[self._clock] * STEP_S
@@ -210,12 +215,14 @@ class Tracker:
             self._tell("entered", vehicle, now_s)
         self._vehicles[state.vehicle] = vehicle
 
-    def _forget_bids(self, time_s: float) -> None:
-        """Bids of vehicles that never came, or have gone."""
+    def _forget(self, time_s: float) -> None:
+        """Bids of vehicles that never came or have gone, and the gone, once their messages are too old to be taken."""
         oldest_s = time_s - self._parameters.service.stale_s
         for name in [name for name in self._bids if name not in self._vehicles]:
             if self._bids[name].time_s < oldest_s:
                 del self._bids[name]
+        for name in [name for name, state in self._gone.items() if state.time_s < oldest_s]:
+            del self._gone[name]
 
     def _has_left(self, vehicle: Tracked, front_m: float) -> bool:
         """Whether it is through, its front this far past the line: rear clear, and the exit stretch done."""

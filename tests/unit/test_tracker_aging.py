@@ -135,6 +135,19 @@ def test_a_vehicle_last_heard_clear_of_the_zone_leaves_by_prediction() -> None:
     assert fates(vehicles.take_events())[-1] == ("a", "left")
 
 
+def test_a_late_copy_of_a_vehicle_that_has_left_is_no_new_arrival() -> None:
+    vehicles = tracker("wall")
+    last = state(time_s=10.0, distance_m=-(CLEAR_M + LENGTH_M + 1.0))
+    vehicles.ingest_state(last, 10.0)
+    vehicles.vanish("a")
+    vehicles.snapshot(101, 10.1)
+    assert fates(vehicles.take_events()) == [("a", "entered"), ("a", "left")]
+    assert vehicles.ingest_state(last, 10.2) == "duplicate"
+    assert vehicles.ingest_state(state(time_s=9.9), 10.2) == "stale"
+    assert len(vehicles.snapshot(102, 10.2)) == 0
+    assert vehicles.ingest_state(state(time_s=10.3), 10.3) is None  # who comes again says something new
+
+
 def test_a_vanished_token_silences_at_once_until_heard_again() -> None:
     vehicles = tracker("wall")
     vehicles.ingest_state(state(time_s=10.0), 10.0)

@@ -181,4 +181,11 @@ MUTANTS = (
         "gap = task.s[y] - task.s[x] - rules.rear_gap",
         f"{UNIT}/test_horizon.py::test_a_follower_keeps_its_distance",
     ),
+    Mutant(
+        "dispatch blind to how long ground is kept",
+        f"{CORE}/slots.py",
+        "- rules.hold_weight * hold(i, demand, line[i])",
+        "",
+        f"{UNIT}/test_slots.py::test_a_turn_that_would_part_a_platoon_waits_for_what_it_costs",
+    ),
 )

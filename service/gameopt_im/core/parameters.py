@@ -101,7 +101,7 @@ class Planner(Section, frozen=True, kw_only=True):
     headway_s: Annotated[Seconds, Meta(description="added to (length + 2 m) / speed between slots of one lane (s)")] = (
         0.1
     )
-    incumbent_bonus: Annotated[Share, Meta(description="share taken off the incumbent's cost (1)")] = 0.1
+    incumbent_bonus: Annotated[Share, Meta(description="share taken off the incumbent's cost (1)")] = 0.05
     decels_mps2: Annotated[
         tuple[Decel, ...],
         Meta(description="decelerations the approach tries, softest first (m/s^2)"),
@@ -109,13 +109,22 @@ class Planner(Section, frozen=True, kw_only=True):
     accel_share: Annotated[
         float, Meta(ge=0.1, le=1, description="share of its acceleration an approach counts on (1)")
     ] = 0.8
+    hold_weight: Annotated[
+        float,
+        Meta(ge=0, le=10, description="seconds of slot that keeping contested ground for a second costs (1)"),
+    ] = 0.75
     patience_s: Annotated[
         float,
-        Meta(ge=0, le=600, description="time in the zone after which a vehicle's bid begins to grow (s)"),
-    ] = 15.0
+        Meta(ge=0, le=600, description="time in the zone after which waiting begins to count (s)"),
+    ] = 20.0
     impatience: Annotated[
-        float, Meta(ge=0, le=20, description="seconds of slot its bid grows by, per second after that (1)")
-    ] = 1.0
+        tuple[Annotated[float, Meta(ge=0, le=20)], ...],
+        Meta(min_length=1, description="seconds of slot a bid grows by per second after that, by candidate (1)"),
+    ] = (0.0, 0.3, 1.0)
+    starvation_weight: Annotated[
+        float,
+        Meta(ge=0, le=10, description="selection's weight of the squared time after that, at the slot (1/s)"),
+    ] = 0.05
     min_cruise_mps: Annotated[
         float, Meta(ge=0.1, le=5, description="an approach slower than this stops instead (m/s)")
     ] = 0.5

@@ -42,7 +42,10 @@ class Bidders:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A crossing order of the bidders with a slot and a line speed each; `delay` is sum Ps (T - s / v_max), s."""
+    """A crossing order of the bidders with a slot and a line speed each.
+
+    `delay` is sum Ps (T - s / v_max), s, and what it costs that some will have been in the zone for too long.
+    """
 
     weights: int
     order: Ints
@@ -155,6 +158,7 @@ def rules_of(parameters: Parameters) -> Rules:
         headway_s=planner.headway_s,
         slowest=planner.min_cruise_mps,
         decels=planner.decels_mps2,
+        hold_weight=planner.hold_weight,
     )
 
 
@@ -168,20 +172,21 @@ def candidates(
 ) -> list[Candidate]:
     """The incumbent first, then the distinct sequences of the dispatch auction, one per weight vector.
 
-    Whoever has waited beyond the planner's patience gains in all of them, or the least total delay could starve it.
+    Beyond the planner's patience a wait raises the bid, in some sequences more than in others, and weighs in the
+    choice between them by its square: the least total delay could starve a vehicle, while bids that only count waits
+    end every platoon and cost capacity.
     `priority` (n,) are the Ps, `waited` (n,) in s; `incumbent` the bidders' rows in last cycle's order, with newcomers.
     """
     if not len(who):
         return []
-    rules = rules_of(parameters)
-    none = np.zeros(len(who))
     planner = parameters.planner
-    urgency = planner.impatience * np.maximum(0.0, waited - planner.patience_s)
-    made = [_candidate(INCUMBENT, problem, rules, none, _by_lane(incumbent, who.counts), priority, False)]
+    overdue = np.maximum(0.0, waited - planner.patience_s)
+    given = _by_lane(incumbent, who.counts)
+    made = [_candidate(INCUMBENT, problem, np.zeros(len(who)), given, priority, waited, parameters)]
     seen = {made[0].order.tobytes()}
     for k, row in enumerate(who.bids):
-        seconds = parameters.auction.bid_seconds * row + urgency
-        candidate = _candidate(k, problem, rules, seconds, np.asarray(incumbent), priority, True)
+        seconds = parameters.auction.bid_seconds * row + planner.impatience[k % len(planner.impatience)] * overdue
+        candidate = _candidate(k, problem, seconds, given, priority, waited, parameters)
         if candidate.order.tobytes() not in seen:
             seen.add(candidate.order.tobytes())
             made.append(candidate)
@@ -189,10 +194,13 @@ def candidates(
 
 
 def _candidate(
-    number: int, problem: Demand, rules: Rules, bids_s: Floats, order: Ints, priority: Floats, dispatch: bool
+    number: int, problem: Demand, bids_s: Floats, order: Ints, priority: Floats, waited: Floats, parameters: Parameters
 ) -> Candidate:
+    rules, dispatch = rules_of(parameters), number != INCUMBENT
     taken, slots, lines = schedule(problem, rules, bids_s, order, dispatch)
-    return Candidate(number, taken, slots, lines, weighted_delay(problem, slots, priority))
+    overdue = np.maximum(0.0, waited + slots - parameters.planner.patience_s)
+    starving = parameters.planner.starvation_weight * float(np.sum(overdue**2))
+    return Candidate(number, taken, slots, lines, weighted_delay(problem, slots, priority) + starving)
 
 
 def _by_lane(order: Sequence[int], counts: tuple[int, ...]) -> Ints:

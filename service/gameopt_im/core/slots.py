@@ -2,7 +2,8 @@
 
 A vehicle's slot is the first time that respects its own earliest arrival, its leader's slot and a headway, and
 every conflicting window already placed. Because a slot contains the cost of switching movements, the dispatch
-auction (largest bid less slot goes next) forms platoons by itself. Times in s from the snapshot.
+auction (largest bid less slot goes next) forms platoons by itself. What it does not contain is how long the vehicle
+itself will keep the ground, so that is taken off, too. Times in s from the snapshot.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class Demand(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """The planner's margins: seconds, metres per speed, headway, and how an approach is driven."""
+    """The planner's margins: seconds, metres per speed, headway; how an approach is driven; the weight of `hold`."""
 
     margin_s: float
     margin_m: float
@@ -53,6 +54,7 @@ class Rules(NamedTuple):
     headway_s: float
     slowest: float
     decels: tuple[float, ...]
+    hold_weight: float
 
 
 @kernel
@@ -114,6 +116,19 @@ def behind(i: int, j: int, demand: Demand, rules: Rules, slot: Floats, line: Flo
 
 
 @kernel
+def hold(i: int, demand: Demand, line: float) -> float:
+    """How long vehicle i keeps the ground that others want, s."""
+    exit_m = 0.0
+    for m in range(demand.windows.shape[2]):
+        window = demand.windows[demand.movement[i], demand.footprint[i], m, demand.footprint[i]]
+        if window[1] > -NEVER:  # false for NaN
+            exit_m = max(exit_m, window[1])
+    if exit_m <= 0.0:
+        return 0.0
+    return float(time_past_line(exit_m + demand.length[i], line, demand.a[i], demand.cross_top[i]))
+
+
+@kernel
 def schedule(demand: Demand, rules: Rules, bids: Floats, order: Ints, dispatch: bool) -> tuple[Ints, Floats, Floats]:
     """(order, slots, line speeds): of the dispatch auction on `bids` (s), or of the given lane-respecting order.
 
@@ -140,7 +155,7 @@ def schedule(demand: Demand, rules: Rules, bids: Floats, order: Ints, dispatch: 
                     start = max(start, behind(i, demand.queue[k, place[k] - 1], demand, rules, slot, line))
                 fresh[k] = True
             slot[i], line[i] = settle(i, start, demand, rules, taken, count, slot, line)
-            score = bids[i] - slot[i]
+            score = bids[i] - slot[i] - rules.hold_weight * hold(i, demand, line[i])
             if score > best_score:
                 best, best_score = k, score
         i = demand.queue[best, place[best]]

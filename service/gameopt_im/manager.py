@@ -54,7 +54,7 @@ class Manager:
         self._tracker = Tracker(options.map, self._ground, options.parameters, options.clock, term)
         self._pool = pool
         self._strategy: Strategy = (DefaultProfile if options.profile == "default" else PaperProfile)(
-            options, self._ground, pool
+            options, self._ground
         )
         self._book = Book()
         self._order: tuple[str, ...] = ()

@@ -23,7 +23,6 @@ from gameopt_im.core.snapshot import Ints, Snapshot
 from gameopt_im.options import ServeOptions
 from gameopt_im.solver.horizon_job import HorizonJob
 from gameopt_im.solver.jobs import Outcome, PaperJob
-from gameopt_im.solver.pool import Pool
 from gameopt_wire.messages import STEP_S
 
 
@@ -61,8 +60,7 @@ class DefaultProfile:
 
     slotless = False
 
-    def __init__(self, options: ServeOptions, ground: Ground, pool: Pool[Any, Any]) -> None:
-        del pool
+    def __init__(self, options: ServeOptions, ground: Ground) -> None:
         self._ground = ground
         self._parameters = options.parameters
         self._rules = planning.horizon_rules(options.parameters)
@@ -111,8 +109,7 @@ class PaperProfile:
 
     slotless = True
 
-    def __init__(self, options: ServeOptions, ground: Ground, pool: Pool[Any, Any]) -> None:
-        del pool
+    def __init__(self, options: ServeOptions, ground: Ground) -> None:
         self._ground = ground
         self._parameters = options.parameters
 

@@ -11,15 +11,13 @@ from gameopt_im.core.horizon import HorizonRules, HorizonTask
 from gameopt_im.core.program import QP, Csc
 from gameopt_im.core.snapshot import Floats
 from gameopt_im.solver.jobs import Job, Outcome
-from gameopt_im.solver.workspace import Workspace
+from gameopt_im.solver.workspace import kept_workspace
 
 COST_SCALE = 0.02
 """The program's cost is scaled by this: multipliers and residuals are then of one size, and rho = 1 suits."""
 MAX_ITERATIONS = 1000
 TOLERANCE = 0.4
 """Share of the residual allowed that the solver is asked for."""
-
-_workspaces: dict[float, Workspace] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,15 +32,8 @@ class HorizonJob:
     def solve(self) -> Outcome | None:
         """Speeds for the next control cycle and J; starts from the approach law, so from the snapshot alone."""
         qp, warm = horizon.build(self.task, self.rules, self.slots)
-        workspace = _workspaces.setdefault(
-            self.residual_mps,
-            Workspace(
-                residual_mps=self.residual_mps,
-                max_iter=MAX_ITERATIONS,
-                rho=1.0,
-                tolerance=TOLERANCE,
-                capacity=128,
-            ),
+        workspace = kept_workspace(
+            residual_mps=self.residual_mps, max_iter=MAX_ITERATIONS, rho=1.0, tolerance=TOLERANCE, capacity=128
         )
         solution = workspace.solve((self.task.counts, self.rules.blocks), _scaled(qp), warm)
         if solution is None:

@@ -11,7 +11,7 @@ from gameopt_im.core import program
 from gameopt_im.core.parameters import Program
 from gameopt_im.core.program import Traffic
 from gameopt_im.core.snapshot import Bools, Floats, Ints
-from gameopt_im.solver.workspace import Workspace, pattern
+from gameopt_im.solver.workspace import kept_workspace, pattern
 from gameopt_wire.messages import STEP_S
 
 SOLVE = "gameopt_im.solver.jobs:solve"
@@ -38,10 +38,6 @@ class Job(Protocol):
 def solve(job: Job) -> Outcome | None:
     """Solve one job, in whatever process this is called."""
     return job.solve()
-
-
-_paper_workspaces: dict[float, Workspace] = {}
-"""By residual: a process keeps its workspaces from job to job."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +67,9 @@ class PaperJob:
         lower, upper = program.boxes(vehicles, STEP_S)
         start = np.clip(vehicles.v, lower, upper)
         slack = program.violations(program.join(rear_end, lateral), start)
-        workspace = _paper_workspaces.setdefault(settings.residual_mps, Workspace(residual_mps=settings.residual_mps))
-        solution = workspace.solve(pattern(qp), qp, np.concatenate([start, slack]))
+        solution = kept_workspace(residual_mps=settings.residual_mps).solve(
+            pattern(qp), qp, np.concatenate([start, slack])
+        )
         if solution is None:
             return None
         speeds = np.clip(solution.x[: len(vehicles)], lower, upper)

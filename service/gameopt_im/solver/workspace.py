@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Hashable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,10 @@ class Workspace:
         if not residual <= self._residual_mps:  # also where x is not a number
             return None
         return Solution(x, kept.objective(qp, x), residual, iterations)
+
+
+kept_workspace = cache(Workspace)
+"""The workspace of these settings in this process: jobs come and go, it stays."""
 
 
 class _Kept:

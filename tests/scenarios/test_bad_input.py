@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import subprocess
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -152,6 +154,22 @@ def endings(files: Path) -> dict[tuple[str, ...], Ended]:
 @pytest.mark.parametrize(("line", "words"), CASES)
 def test_bad_input_is_one_line(endings: dict[tuple[str, ...], Ended], line: str, words: tuple[str, ...]) -> None:
     check(BAD_INPUT, endings[tuple(line.split())], *words)
+
+
+def test_a_machine_that_lacks_what_sumo_needs_is_told_so(files: Path) -> None:
+    """A broken library of that name is found first, and cannot be imported."""
+    broken = files / "libraries"
+    broken.mkdir()
+    (broken / "libsumo.py").write_text("raise ImportError('libGL.so.1: cannot open shared object file')")
+    code = "from gameopt_vehicles.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code, "--sumo", str(files / "four-arm.sumocfg")],
+        env=os.environ | {"PYTHONPATH": str(broken)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    check(BAD_INPUT, Ended(done.returncode, done.stdout, done.stderr), "libGL.so.1", "README")
 
 
 def test_a_refused_report_is_left_as_it_was(files: Path, tmp_path: Path) -> None:

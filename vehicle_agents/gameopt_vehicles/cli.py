@@ -68,8 +68,10 @@ def command(**values: Any) -> int:
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
         if options.sumo is None:
             return runner.run(drive(options, None))
-        from gameopt_sumo.simulation import SimulationError  # only now: libsumo takes its time to load
-
+        try:
+            from gameopt_sumo.simulation import SimulationError  # only now: libsumo takes its time to load
+        except ImportError as error:
+            raise click.ClickException(f"SUMO lacks a system library: {error}; the README names them") from None
         try:
             return runner.run(drive(options, partial(_simulation, options, options.sumo)))
         except SimulationError as error:

@@ -121,7 +121,7 @@ class PaperProfile:
         if not len(who):
             return Proposal(who, (), (), None)
         settings = self._parameters.auction
-        lines = auction.queues(snapshot.lane[who.index], snapshot.s[who.index])
+        lines = auction.queues(snapshot.lane[who.index], snapshot.s[who.index], who.index)
         # `who.bids` hold the transfers already
         orders = auction.sequences(who.bids, lines, who.group, settings.slot_value_ratio, 0.0)
         inside = [i for i, vehicle in enumerate(snapshot.ids) if vehicle in book.held]

@@ -59,7 +59,7 @@ def queued(draw: st.DrawFn) -> tuple[Floats, Queues]:
     lane = np.array(draw(lanes), dtype=np.int64)
     n = len(lane)
     s = np.array(draw(st.permutations(range(n))), dtype=np.float64)
-    return np.array(draw(st.lists(values, min_size=n, max_size=n))), auction.queues(lane, s)
+    return np.array(draw(st.lists(values, min_size=n, max_size=n))), auction.queues(lane, s, np.arange(n))
 
 
 @given(st.lists(values, min_size=1, max_size=6), ratios)
@@ -169,7 +169,7 @@ def test_one_gift_is_the_share_of_the_bound_of_the_theorem(
     """One lane of two overflows, the others hold one vehicle each: there the scalar bound applies."""
     bids = np.array([blocker, blocker + more / 10.0, *others])
     n = len(bids)
-    lines = auction.queues(np.array([0, 0, *range(1, n - 1)]), np.arange(n, dtype=np.float64))
+    lines = auction.queues(np.array([0, 0, *range(1, n - 1)]), np.arange(n, dtype=np.float64), np.arange(n))
     late = auction.lane_orders(bids[None], lines)[0].tolist().index(1)
     free = [i for i in auction.allocate(bids).tolist() if i != 0]
     early = 1 + free.index(1)

@@ -33,7 +33,7 @@ def demand(straight_s: Sequence[float], left_s: Sequence[float]) -> Demand:
     return Demand(
         s=s, v=20.0 * full, length=LENGTH_M * full, a=2.0 * full, b=4.5 * full, top=20.0 * full,
         line_cap=cap, cross_top=cap, movement=movement, footprint=np.zeros(n, dtype=np.int64), lane=movement.copy(),
-        queue=queue, floor=np.full(2, -1e9), windows=windows, blocked=np.full((n, 0, 4), np.nan),
+        queue=queue, arrival=np.arange(n), floor=np.full(2, -1e9), windows=windows, blocked=np.full((n, 0, 4), np.nan),
     )  # fmt: skip
 
 
@@ -47,6 +47,12 @@ def test_vehicles_of_one_lane_follow_at_their_headway() -> None:
     assert order == [0, 1, 2]
     assert slots[0] == pytest.approx(100.0 / 20.0)
     assert np.diff(slots) == pytest.approx([(LENGTH_M + 2.0) / 20.0 + RULES.headway_s] * 2)
+
+
+def test_ties_go_by_arrival() -> None:
+    problem = demand([100.0], [100.0])._replace(line_cap=np.full(2, 20.0), cross_top=np.full(2, 20.0))
+    assert dispatched(problem, RULES)[0] == [0, 1]
+    assert dispatched(problem._replace(arrival=np.array([1, 0])), RULES)[0] == [1, 0]
 
 
 def test_a_conflicting_vehicle_comes_when_the_box_is_clear() -> None:

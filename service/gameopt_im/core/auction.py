@@ -66,16 +66,18 @@ class Queues:
     """Who stands behind whom in the lanes.
 
     `slots` (L, D): the vehicles of each lane, front first, n where a lane has no more. `lane` (n,) is a
-    vehicle's row there and `place` (n,) its column, the number of vehicles ahead of it.
+    vehicle's row there and `place` (n,) its column, the number of vehicles ahead of it. `arrival` (n,) breaks
+    ties between bids: the lower goes first.
     """
 
     slots: Ints
     lane: Ints
     place: Ints
+    arrival: Ints
 
 
-def queues(lane: Ints, s: Floats) -> Queues:
-    """The queues of n vehicles from their lanes and distances to the stop line (m), ties by index."""
+def queues(lane: Ints, s: Floats, arrival: Ints) -> Queues:
+    """The queues of n vehicles from their lanes, distances to the stop line (m) and places in order of arrival."""
     n = len(lane)
     front = np.lexsort((s, lane))
     names, row, length = np.unique(lane, return_inverse=True, return_counts=True)
@@ -83,12 +85,12 @@ def queues(lane: Ints, s: Floats) -> Queues:
     place[front] = np.arange(n) - np.repeat(np.cumsum(length) - length, length)
     slots = np.full((len(names), int(length.max(initial=0))), n, dtype=np.int64)
     slots[row, place] = np.arange(n)
-    return Queues(slots, row.astype(np.int64), place)
+    return Queues(slots, row.astype(np.int64), place, arrival)
 
 
-def _ranks(bids: Floats) -> Ints:
-    """(K, n) place of each vehicle by bid alone, 0 for the highest; ties by index, so no two are equal."""
-    order = np.argsort(-bids, axis=1, kind="stable")
+def _ranks(bids: Floats, arrival: Ints) -> Ints:
+    """(K, n) place of each vehicle by bid alone, 0 for the highest; ties by arrival, so no two are equal."""
+    order = np.lexsort((np.broadcast_to(arrival, bids.shape), -bids), axis=1)
     ranks = np.empty_like(order)
     np.put_along_axis(ranks, order, np.broadcast_to(np.arange(bids.shape[1]), bids.shape), axis=1)
     return ranks
@@ -112,7 +114,7 @@ def lane_orders(bids: Floats, lines: Queues) -> Ints:
     Whoever is taken frees the next of its lane, so a vehicle goes when the lowest bid from the head of its
     lane down to itself goes: sorting by that running worst rank is the same and needs no loop.
     """
-    return _merged(_held(_ranks(bids), lines), lines)
+    return _merged(_held(_ranks(bids, lines.arrival), lines), lines)
 
 
 def with_transfers(bids: Floats, lines: Queues, group: Ints, ratio: float, share: float) -> Floats:
@@ -123,7 +125,7 @@ def with_transfers(bids: Floats, lines: Queues, group: Ints, ratio: float, share
     it would pass the vehicles of its group in other lanes whose held rank lies between its own rank and the
     rank it is held at. `group` (n,) holds conflict groups; vehicles `OUTSIDE` give and get nothing.
     """
-    ranks = _ranks(bids)
+    ranks = _ranks(bids, lines.arrival)
     held = _held(ranks, lines)
     row, giver = np.nonzero((ranks < held) & (group != OUTSIDE))
     if share == 0.0 or not len(giver):

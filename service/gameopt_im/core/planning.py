@@ -77,7 +77,7 @@ def bidders(
         settings.waiting_multiplier,
     )
     if len(index):
-        lines = auction.queues(snapshot.lane[index], snapshot.s[index])
+        lines = auction.queues(snapshot.lane[index], snapshot.s[index], index)
         master = auction.with_transfers(master, lines, group, settings.slot_value_ratio, settings.transfer_share)
     return Bidders(index, tuple(sorted(size.values(), reverse=True)), master, group)
 
@@ -112,6 +112,7 @@ def demand(
         footprint=footprint,
         lane=snapshot.lane[i],
         queue=_queue(who.counts),
+        arrival=i,
         floor=_floors(snapshot, book, limits, who, parameters),
         windows=ground.windows,
         blocked=blocked,

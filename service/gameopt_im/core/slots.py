@@ -23,7 +23,8 @@ class Demand(NamedTuple):
     """The uncleared vehicles of one control cycle, and what they have to fit around; n of them in L lanes.
 
     `queue` (L, q) holds their indices front to back, padded with -1; `floor` (L,) is the earliest slot behind
-    the last cleared vehicle of the lane. `windows` (M, F, M, F, 2) are the map's conflict windows.
+    the last cleared vehicle of the lane; `arrival` (n,) breaks ties.
+    `windows` (M, F, M, F, 2) are the map's conflict windows.
     `blocked` (n, R, 4) holds, for each reservation met, its window (in, out) and where the vehicle's front
     enters and has to be to have left; NaN where they do not meet.
     """
@@ -40,6 +41,7 @@ class Demand(NamedTuple):
     footprint: Ints
     lane: Ints
     queue: Ints
+    arrival: Ints
     floor: Floats
     windows: Floats
     blocked: Floats
@@ -141,8 +143,7 @@ def schedule(demand: Demand, rules: Rules, bids: Floats, order: Ints, dispatch: 
     place = np.zeros(lanes, np.int64)
     fresh = np.zeros(lanes, np.bool_)
     for count in range(n):
-        best = -1
-        best_score = -NEVER
+        best, chosen, best_score = -1, -1, -NEVER
         for k in range(lanes):
             i = demand.queue[k, place[k]] if place[k] < demand.queue.shape[1] else -1
             if i < 0 or (not dispatch and order[count] != i):
@@ -156,10 +157,10 @@ def schedule(demand: Demand, rules: Rules, bids: Floats, order: Ints, dispatch: 
                 fresh[k] = True
             slot[i], line[i] = settle(i, start, demand, rules, taken, count, slot, line)
             score = bids[i] - slot[i] - rules.hold_weight * hold(i, demand, line[i])
-            if score > best_score:
-                best, best_score = k, score
-        i = demand.queue[best, place[best]]
-        taken[count] = i
+            earlier = best >= 0 and score == best_score and demand.arrival[i] < demand.arrival[chosen]
+            if score > best_score or earlier:
+                best, best_score, chosen = k, score, i
+        taken[count] = chosen
         place[best] += 1
         fresh[best] = False
     return taken, slot, line

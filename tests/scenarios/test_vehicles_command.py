@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_vehicles_stand_in import StandIn, hold_speed, run
+from stand_in import StandIn, hold_speed, run
 
 from gameopt_sumo.network import read_map
 from gameopt_sumo.scenarios import FourArm, write_four_arm

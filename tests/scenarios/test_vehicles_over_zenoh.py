@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 import zenoh
-from test_vehicles_stand_in import MAP, StandIn, run
+from stand_in import MAP, StandIn, run
 
 from gameopt_vehicles.bus import Bus, NoManager, configuration
 from gameopt_vehicles.fleet import Fleet, Settings

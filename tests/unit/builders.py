@@ -1,4 +1,4 @@
-"""Small things the unit tests share: a four-arm map by hand, traffic on it, programs of it."""
+"""Small things the unit tests share: a four-arm map by hand, traffic on it, programs and snapshots of it."""
 
 from __future__ import annotations
 
@@ -8,9 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gameopt_im.core import program
-from gameopt_im.core.conflicts import PAPER_GROUPS
+from gameopt_im.core import interlock, program
+from gameopt_im.core.conflicts import PAPER_GROUPS, ground
+from gameopt_im.core.interlock import Limits
+from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.program import Traffic
+from gameopt_im.core.reservations import Book
+from gameopt_im.core.snapshot import Snapshot
 from gameopt_wire.intersection import (
     ConflictArea,
     Footprint,
@@ -121,3 +125,26 @@ def paper_program(vehicles: Traffic, order: NDArray[np.int64], *, elastic: bool 
     rear_end = program.rear_end_rows(vehicles, 2.0, 0.1)
     lateral = program.lateral_rows(vehicles, order, CONFLICT, 25.0, 0.1, reduced=True)
     return program.assemble(vehicles, 0.7, 0.1, rear_end, lateral, elastic=elastic)
+
+
+GROUND = ground(four_arm(), "areas", 25.0, turn_speed=True)
+ACROSS, OTHER = 1, 7
+"""Two movements straight on that cross: windows [5, 9] m on the first, [11, 15] m on the second."""
+
+
+def snapshot(**columns: Any) -> Snapshot:
+    """Cars by column, each on the lane of its movement; what is not given is that of a fresh car going straight on."""
+    n = len(columns["s"])
+    movements = np.asarray(columns.pop("movement", [ACROSS] * n), dtype=np.int64)
+    values: dict[str, Any] = {
+        "cycle": 0, "time_s": 0.0, "ids": tuple("abcdefgh"[:n]), "v": np.full(n, 10.0), "length": np.full(n, 5.0),
+        "a_max": np.full(n, 2.6), "b_max": np.full(n, 4.5), "v_max": np.full(n, 19.0), "movement": movements,
+        "lane": movements, "footprint": np.zeros(n, dtype=np.int64), "waited": np.zeros(n),
+        "assertiveness": np.ones(n), "speed_priority": np.ones(n), "variation_priority": np.ones(n),
+        "accepted": np.full(n, -1), "silent": np.zeros(n, dtype=np.bool_), "age": np.zeros(n),
+    }  # fmt: skip
+    return Snapshot(**(values | {k: v if np.isscalar(v) else np.asarray(v) for k, v in columns.items()}))
+
+
+def limits_of(cars: Snapshot, book: Book) -> Limits:
+    return interlock.limits(cars, GROUND, interlock.phases(cars, GROUND, book), cars.age, Parameters().exit)

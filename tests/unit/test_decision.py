@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_granting import ACROSS, GROUND, limits_of, snapshot
+from builders import ACROSS, GROUND, limits_of, snapshot
 
 from gameopt_im.core import decision
 from gameopt_im.core.decision import Settled, Winner

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
-from builders import four_arm
+from builders import ACROSS, GROUND, OTHER, limits_of, snapshot
 
 from gameopt_im.core import interlock
-from gameopt_im.core.conflicts import ground
 from gameopt_im.core.granting import NO_SLOT, Grants, grant
 from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER
@@ -20,29 +17,8 @@ from gameopt_im.core.snapshot import Floats, Snapshot
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
 
-GROUND = ground(four_arm(), "areas", 25.0, turn_speed=True)
 PARAMETERS = Parameters()
 TIMES = np.arange(HORIZON) * STEP_S
-ACROSS, OTHER = 1, 7
-"""Two movements straight on that cross: windows [5, 9] m on the first, [11, 15] m on the second."""
-
-
-def snapshot(**columns: Any) -> Snapshot:
-    """Cars by column, each on the lane of its movement; what is not given is that of a fresh car going straight on."""
-    n = len(columns["s"])
-    movement = np.asarray(columns.pop("movement", [ACROSS] * n), dtype=np.int64)
-    values: dict[str, Any] = {
-        "cycle": 0, "time_s": 0.0, "ids": tuple("abcdefgh"[:n]), "v": np.full(n, 10.0), "length": np.full(n, 5.0),
-        "a_max": np.full(n, 2.6), "b_max": np.full(n, 4.5), "v_max": np.full(n, 19.0), "movement": movement,
-        "lane": movement, "footprint": np.zeros(n, dtype=np.int64), "waited": np.zeros(n),
-        "assertiveness": np.ones(n), "speed_priority": np.ones(n), "variation_priority": np.ones(n),
-        "accepted": np.full(n, -1), "silent": np.zeros(n, dtype=np.bool_), "age": np.zeros(n),
-    }  # fmt: skip
-    return Snapshot(**(values | {k: v if np.isscalar(v) else np.asarray(v) for k, v in columns.items()}))
-
-
-def limits_of(cars: Snapshot, book: Book) -> Limits:
-    return interlock.limits(cars, GROUND, interlock.phases(cars, GROUND, book), cars.age, PARAMETERS.exit)
 
 
 def granted(cars: Snapshot, book: Book, slots: list[float], first: int = 1) -> Grants:

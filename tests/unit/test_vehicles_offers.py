@@ -6,7 +6,7 @@ from itertools import accumulate, pairwise
 from typing import Any
 
 import pytest
-from test_vehicles_agent import Drive, Seen, offer
+from vehicles_builders import Drive, Seen, offer
 
 
 def test_an_accepted_clearance_is_tracked_exactly_whatever_is_commanded() -> None:

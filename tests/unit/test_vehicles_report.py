@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 
 import pytest
+from builders import four_arm
 
 from gameopt_vehicles.report import Run, assemble
 from gameopt_vehicles.tally import Tally
-from gameopt_wire.intersection import Charter, Footprint, IntersectionMap, Lane, Movement
+from gameopt_wire.intersection import Charter
 from gameopt_wire.messages import CycleReport
 
 FIELDS = [
@@ -55,27 +56,7 @@ PARTS = {
 
 
 def charter() -> Charter:
-    movement = Movement(
-        id="0-1",
-        group="0-1",
-        lane=0,
-        exit_lane="exit",
-        exit_speed_mps=20.0,
-        exit_length_m=100.0,
-        intention="straight",
-        length_m=20.0,
-        clear_m=15.0,
-        turn_speed_mps=None,
-        path=[(0.0, 0.0), (20.0, 0.0)],
-    )
-    ground = IntersectionMap(
-        intersection="main",
-        control_zone_m=150.0,
-        lanes=[Lane(id="lane", approach=0, speed_limit_mps=20.0, zone_m=150.0)],
-        movements=[movement],
-        footprints=[Footprint(name="car", length_m=5.0, width_m=1.8)],
-        areas=[],
-    )
+    ground = four_arm(intersection="main")
     return Charter(
         term=1,
         clock="wall",

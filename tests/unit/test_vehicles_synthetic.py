@@ -4,35 +4,29 @@ from __future__ import annotations
 
 import msgspec
 import pytest
+from builders import four_arm, movement
 
 from gameopt_vehicles.agent import Agent
 from gameopt_vehicles.report import Measurements
 from gameopt_vehicles.synthetic import SyntheticRoad
-from gameopt_wire.intersection import Footprint, IntersectionMap, Lane, Movement
+from gameopt_wire.intersection import Lane
 
 LANES = 4
-MAP = IntersectionMap(
-    intersection="main",
-    control_zone_m=150.0,
+MAP = four_arm(
     lanes=[Lane(id=f"lane{k}", approach=k, speed_limit_mps=20.0, zone_m=150.0) for k in range(LANES)],
-    movements=[
-        Movement(
-            id=f"{lane}-{k}",
-            group=f"{lane}-{k}",
+    movements=[  # of every road the right turn and the one straight on, from the same lane
+        movement(
+            3 * lane + k,
             lane=lane,
             exit_lane=f"exit{(lane + k) % LANES}",
-            exit_speed_mps=20.0,
             exit_length_m=60.0,
-            intention="straight" if k else "right",
             length_m=20.0 + 10.0 * k,
             clear_m=20.0,
             turn_speed_mps=None if k else 7.0,
-            path=[(0.0, 0.0), (20.0, 0.0)],
         )
         for lane in range(LANES)
         for k in range(2)
     ],
-    footprints=[Footprint(name="car", length_m=5.0, width_m=1.8)],
     areas=[],
 )
 

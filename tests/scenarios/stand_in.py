@@ -1,18 +1,19 @@
-"""A stand-in for the manager: a real Zenoh session that speaks its side of the wire; no test in here."""
+"""A stand-in for the manager: a real Zenoh session that speaks its side of the wire."""
 
 from __future__ import annotations
 
 import asyncio
 import os
 import socket
-import time
 from collections import deque
 from collections.abc import Callable, Coroutine
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import uvloop
 import zenoh
 
+from gameopt_im.clock import WallClock
+from gameopt_im.inbox import Kind, Raw
 from gameopt_wire import codec, keys
 from gameopt_wire.intersection import Charter, ConflictArea, Footprint, IntersectionMap, Lane, Movement
 from gameopt_wire.messages import Bid, Clearance, Command, CycleReport, State
@@ -40,6 +41,8 @@ MAP = IntersectionMap(
     footprints=[Footprint(name="car", length_m=5.0, width_m=1.8)],
     areas=[ConflictArea(a=0, b=1, merge=False, a_windows_m=[[(8.0, 20.0)]], b_windows_m=[[(8.0, 20.0)]])],
 )
+COLLECT_S = 0.03
+"""How long after a grid point of the wall clock it answers: the states for that point are in by then."""
 Decide = Callable[["StandIn", list[State], int, float], list[Command]]
 
 
@@ -64,6 +67,26 @@ def hold_speed(manager: StandIn, states: list[State], cycle: int, time_s: float)
             )
         )
     return commands
+
+
+class Inbox:
+    """What has come off the network, as the manager's clocks take it; Zenoh's threads put it in."""
+
+    def __init__(self) -> None:
+        self._messages: deque[Raw] = deque()
+        self._awake = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+
+    def put(self, raw: Raw) -> None:
+        self._messages.append(raw)
+        self._loop.call_soon_threadsafe(self._awake.set)
+
+    def drain(self) -> list[Raw]:
+        self._awake.clear()  # before it is emptied, so that a message coming now is not slept through
+        return [self._messages.popleft() for _ in range(len(self._messages))]
+
+    async def arrival(self) -> None:
+        await self._awake.wait()
 
 
 class StandIn:
@@ -95,9 +118,7 @@ class StandIn:
         self.tokens: list[tuple[zenoh.SampleKind, str]] = []
         self.answered = asyncio.Event()
         self._decide = decide
-        self._inbox: deque[tuple[str, bytes]] = deque()
-        self._awake = asyncio.Event()
-        self._loop = asyncio.get_running_loop()
+        self._inbox = Inbox()
 
     async def __aenter__(self) -> Self:
         config = zenoh.Config()
@@ -133,43 +154,40 @@ class StandIn:
     def _arrived(self, sample: zenoh.Sample) -> None:
         stream = str(sample.key_expr).split("/")[2]
         if stream in ("state", "bid", "step"):
-            self._inbox.append((stream, sample.payload.to_bytes()))
-            self._loop.call_soon_threadsafe(self._awake.set)
+            self._inbox.put(Raw(cast(Kind, stream), sample.payload.to_bytes(), str(sample.key_expr)))
 
     async def _serve_lockstep(self) -> None:
         states: list[State] = []
         count, step = 0, None
         while True:
-            self._awake.clear()
-            while self._inbox:
-                stream, payload = self._inbox.popleft()
-                count += stream != "step"
-                if stream == "step":
-                    step = codec.STEP.decode(payload)
+            for raw in self._inbox.drain():
+                count += raw.kind != "step"
+                if raw.kind == "step":
+                    step = codec.STEP.decode(raw.payload)
                 else:
-                    self._take(stream, payload, states)
+                    self._take(raw, states)
             if step is not None and count == step.messages:
                 latest = {state.vehicle: state for state in states}  # delays may bring two at once
                 self._answer(list(latest.values()), step.cycle, step.time_s)
                 states, count, step = [], 0, None
-            await self._awake.wait()
+            await self._inbox.arrival()
 
     async def _serve_wall(self) -> None:
+        clock = WallClock(self._inbox, COLLECT_S)
         while True:
-            cycle = int(time.time() * 10) + 1
-            await asyncio.sleep(cycle / 10 + 0.03 - time.time())
+            tick = await clock.next_cycle()
             states: list[State] = []
-            while self._inbox:
-                self._take(*self._inbox.popleft(), states)
+            for raw in tick.messages:
+                self._take(raw, states)
             latest = {state.vehicle: state for state in states}
-            self._answer(list(latest.values()), cycle, cycle / 10)
+            self._answer(list(latest.values()), tick.cycle, tick.time_s)
 
-    def _take(self, stream: str, payload: bytes, states: list[State]) -> None:
-        self.traffic.append(payload)
-        if stream == "state":
-            states.append(codec.STATE.decode(payload))
-        elif stream == "bid":
-            self.bids.append(codec.BID.decode(payload))
+    def _take(self, raw: Raw, states: list[State]) -> None:
+        self.traffic.append(raw.payload)
+        if raw.kind == "state":
+            states.append(codec.STATE.decode(raw.payload))
+        elif raw.kind == "bid":
+            self.bids.append(codec.BID.decode(raw.payload))
 
     def _answer(self, states: list[State], cycle: int, time_s: float) -> None:
         self.states += states

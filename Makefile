@@ -5,12 +5,13 @@ DEMO_SECONDS ?= 60
 BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 
-.PHONY: help demo test lint figures
+.PHONY: help demo test lint explore figures
 
 help:
 	@echo "make demo     manager and vehicles as two processes, 6,000 veh/h, DEMO_SECONDS=$(DEMO_SECONDS) simulated seconds"
 	@echo "make test     every test"
 	@echo "make lint     ruff, mypy, import-linter"
+	@echo "make explore  the property tests on new random cases, many more of them"
 	@echo "make figures  the measured tables of docs/results; takes hours"
 
 demo: .venv/installed
@@ -24,6 +25,9 @@ lint: .venv/installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+explore: .venv/installed-dev
+	$(BIN)/pytest tests/property tests/unit --hypothesis-profile=explore
 
 figures: .venv/installed
 	$(BIN)/python tests/load/sweep.py

@@ -121,7 +121,7 @@ def sound(snapshot: Snapshot) -> bool:
 
 
 @given(clock=clocks, messages=st.lists(raws(), max_size=12), later_s=st.floats(0.0, 40.0))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_garbage_is_counted_and_harms_nobody(clock: Clock, messages: list[Raw], later_s: float) -> None:
     tracker = Tracker(ROADS, GROUND, PARAMETERS, clock, term=1)
     witness = Raw("state", codec.STATE.encode(WITNESS), keys.of_vehicle("x", "state", "witness"))
@@ -142,7 +142,7 @@ def test_garbage_is_counted_and_harms_nobody(clock: Clock, messages: list[Raw], 
 
 
 @given(messages=st.lists(raws(), max_size=12))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_every_rejection_has_its_reason(messages: list[Raw]) -> None:
     tracker = Tracker(ROADS, GROUND, PARAMETERS, "lockstep", term=1)
     for raw in messages:
@@ -157,7 +157,7 @@ def test_every_rejection_has_its_reason(messages: list[Raw]) -> None:
 
 
 @given(payload=st.binary(max_size=400))
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=500)
 def test_the_decoder_raises_nothing_but_a_rejection(payload: bytes) -> None:
     for decoder in (codec.STATE, codec.BID, codec.STEP, codec.COMMAND):
         with contextlib.suppress(codec.Rejected):
@@ -165,7 +165,7 @@ def test_the_decoder_raises_nothing_but_a_rejection(payload: bytes) -> None:
 
 
 @given(message=spoiled())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_what_the_decoder_accepts_is_finite_and_within_bounds(message: dict[str, Any]) -> None:
     try:
         state = codec.STATE.decode(msgspec.msgpack.encode(message))
@@ -181,7 +181,7 @@ def test_what_the_decoder_accepts_is_finite_and_within_bounds(message: dict[str,
     messages=st.lists(plausible.map(lambda message: msgspec.convert(message, State)), max_size=8),
     order=st.randoms(use_true_random=False),
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_in_lock_step_the_order_of_arrival_does_not_matter(messages: list[State], order: Any) -> None:
     """Within one control cycle, one state a vehicle: what the network shuffles, the snapshot sorts."""
     unique = {message.vehicle: message for message in messages}

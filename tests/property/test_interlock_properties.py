@@ -156,7 +156,7 @@ weathers = st.builds(
 )
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(weathers, st.sampled_from(["four-arm", "crossroads"]), st.integers(0, 2**32 - 1))
 def test_nobody_touches_whatever_is_planned(weather: Weather, name: str, seed: int) -> None:
     world = World(name, weather, seed)

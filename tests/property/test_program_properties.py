@@ -84,7 +84,7 @@ def test_reduced_and_full_rows_have_the_same_largest_point(vehicles: Traffic) ->
         np.testing.assert_allclose(full, reduced, atol=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(platoon())
 def test_reduced_full_and_elastic_rows_have_one_solution_on_feasible_states(vehicles: Traffic) -> None:
     assume(largest(vehicles, rows_of(vehicles, reduced=False)) is not None)

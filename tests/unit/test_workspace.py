@@ -113,7 +113,7 @@ def drawn(seed: int, kind: int) -> tuple[QP, Floats | None]:
 draws = st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 2)), min_size=1, max_size=12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(draws, st.integers(1, 3))
 def test_results_are_the_same_bits_whatever_was_solved_before(history: list[tuple[int, int]], capacity: int) -> None:
     lived = Workspace(rho=1.0, max_iter=400, residual_mps=1e-2, capacity=capacity)

@@ -130,7 +130,7 @@ def links_over(net: Any, node: Any) -> list[Link]:
             continue
         for lane in edge.getLanes():
             for connection in lane.getOutgoing():
-                internal = _internal_lanes(net, connection)
+                internal = internal_lanes(net, connection)
                 usable = any(
                     lane.allows(c) and connection.getToLane().allows(c) and connection.allows(c)
                     for c in MANAGED_CLASSES
@@ -141,7 +141,7 @@ def links_over(net: Any, node: Any) -> list[Link]:
     return links
 
 
-def _internal_lanes(net: Any, connection: Any) -> list[Any]:
+def internal_lanes(net: Any, connection: Any) -> list[Any]:
     """The lanes within the junction, through its internal junctions (where left turners may wait)."""
     lanes = []
     via = connection.getViaLaneID()

@@ -22,6 +22,7 @@ from gameopt_sumo.junction import (
     number_roads,
     read_net,
 )
+from gameopt_sumo.refusal import refuse_foreign_paths
 from gameopt_wire.intersection import INTENTION_NUMBER, ConflictArea, IntersectionMap, Lane, Movement
 
 DEFAULT_CONTROL_ZONE_M = 150.0
@@ -95,6 +96,7 @@ def read_layout(
     if not links:
         classes = ", ".join(MANAGED_CLASSES)
         raise NetworkError(f"{net_file}: junction {chosen.getID()!r} has no movement for {classes}")
+    refuse_foreign_paths(net, Path(net_file), chosen, links)
     roads = number_roads(links)
     links.sort(key=lambda link: (roads[link.approach], INTENTION_NUMBER[link.intention], *link.order))
     lanes = list({link.lane.getID(): link.lane for link in links}.values())

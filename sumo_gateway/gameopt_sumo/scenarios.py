@@ -6,7 +6,7 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -153,18 +153,22 @@ _CONFIG = """<?xml version="1.0" encoding="UTF-8"?>
 
 def write_net(lanes: int, net_file: Path) -> None:
     """Build the net with netconvert. Raises `ScenarioError` if netconvert is missing or fails."""
+    described = {"node": _nodes_xml(lanes), "edge": _edges_xml(lanes), "connection": _connections_xml(lanes)}
+    build_net(described, net_file, ("--no-turnarounds", "true"))
+
+
+def build_net(described: Mapping[str, str], net_file: Path, options: Sequence[str] = ()) -> None:
+    """A net from plain descriptions, XML by kind: node, edge, connection.
+
+    Raises `ScenarioError` if netconvert is missing or fails.
+    """
     with tempfile.TemporaryDirectory(prefix="gameopt-") as scratch:
-        described = {
-            "node": _nodes_xml(lanes),
-            "edge": _edges_xml(lanes),
-            "connection": _connections_xml(lanes),
-        }
         command = [sumo_binary("netconvert"), "--output-file", str(Path(scratch, "net.xml"))]
         for kind, text in described.items():
             file = Path(scratch, f"{kind}.xml")
             file.write_text(text, encoding="utf-8")
             command += [f"--{kind}-files", str(file)]
-        command += ["--no-turnarounds", "true", "--junctions.internal-link-detail", "20"]
+        command += [*options, "--junctions.internal-link-detail", "20"]
         result = subprocess.run(command, capture_output=True, text=True, check=False)
         if result.returncode != 0:
             lines = result.stderr.strip().splitlines()

@@ -10,6 +10,7 @@ import numpy as np
 
 from gameopt_im.core.bids import Priority
 from gameopt_im.core.conflicts import Ground
+from gameopt_im.core.kinematics import NEVER
 from gameopt_im.core.parameters import VehicleClass
 from gameopt_im.core.snapshot import FOREIGN, NONE, Snapshot
 from gameopt_wire.messages import STEP_S, State
@@ -78,6 +79,7 @@ def picture(
 ) -> Snapshot:
     """The snapshot of `present`, in their order; states older than `silent_s` are marked silent."""
     states = [vehicle.state for vehicle in present]
+    strangers = [(state.stranger, state) for state in states]
 
     def reals(values: list[float]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         return np.array(values, dtype=np.float64)
@@ -111,4 +113,7 @@ def picture(
         accepted=np.array(accepted, dtype=np.int64),
         silent=(age > silent_s) | np.array([vehicle.vanished for vehicle in present], dtype=np.bool_),
         age=age,
+        stranger_x=reals([NEVER if each is None else each.gap_m - state.distance_m for each, state in strangers]),
+        stranger_v=reals([0.0 if each is None else each.speed_mps for each, _ in strangers]),
+        stranger_b=reals([1.0 if each is None else each.decel_mps2 for each, _ in strangers]),
     )

@@ -38,11 +38,24 @@ class Message(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", gc=Fa
     version: Annotated[int, Meta(ge=1, le=255)] = WIRE_VERSION
 
 
+class Stranger(msgspec.Struct, frozen=True, kw_only=True, gc=False):
+    """The next vehicle ahead on the path, where the manager cannot know that it is.
+
+    Nobody controls it, or it is bound for another lane and only shares the way to the approach. `gap_m` is bumper
+    to bumper.
+    """
+
+    gap_m: Distance
+    speed_mps: Speed
+    decel_mps2: Capability
+
+
 class State(Message, frozen=True, kw_only=True, tag="state", gc=False):
     """What a vehicle says of itself every control cycle (`eq:eq2go_ext` without what is private or derived).
 
     `distance_m` runs along the path from the front bumper to the stop line, negative once past it.
     `accepted` is the id of the clearance the vehicle follows, with the `term` of the manager that gave it.
+    `stranger` is what its radar sees ahead and the manager does not.
     """
 
     vehicle: VehicleId
@@ -60,6 +73,7 @@ class State(Message, frozen=True, kw_only=True, tag="state", gc=False):
     term: Counter = 0
     accepted: Counter | None = None
     fallback: bool = False
+    stranger: Stranger | None = None
 
 
 class Bid(Message, frozen=True, kw_only=True, tag="bid", gc=False):

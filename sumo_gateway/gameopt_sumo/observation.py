@@ -16,7 +16,8 @@ class Observation:
 
     `movement` is the map's movement id. `distance_m` runs along the path from the front bumper to the stop
     line, negative beyond it, on the exit lane too. The leader is the nearest vehicle ahead on the path, its
-    gap bumper to bumper; None with a free road. `controlled` is False once released, and where the simulation
+    gap bumper to bumper; None with a free road. It is `leader_strange` if nobody controls it, or if it only shares
+    the way to the approach and is bound for another lane. `controlled` is False once released, and where the simulation
     only watches.
     """
 
@@ -34,6 +35,7 @@ class Observation:
     leader_gap_m: float | None
     leader_speed_mps: float | None
     leader_decel_mps2: float | None
+    leader_strange: bool
     controlled: bool
 
 

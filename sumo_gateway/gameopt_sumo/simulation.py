@@ -270,6 +270,7 @@ class Simulation:
             leader_gap_m=leader[1] if leader else None,
             leader_speed_mps=float(libsumo.vehicle.getSpeed(ahead)) if ahead else None,
             leader_decel_mps2=float(libsumo.vehicle.getDecel(ahead)) if ahead else None,
+            leader_strange=ahead is not None and not self.controls(ahead),
             controlled=known.controlled,
         )
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gameopt_im.core import interlock, program
 from gameopt_im.core.conflicts import PAPER_GROUPS, ground
 from gameopt_im.core.interlock import Limits
+from gameopt_im.core.kinematics import NEVER
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.program import Traffic
 from gameopt_im.core.reservations import Book
@@ -142,6 +143,7 @@ def snapshot(**columns: Any) -> Snapshot:
         "lane": movements, "footprint": np.zeros(n, dtype=np.int64), "waited": np.zeros(n),
         "assertiveness": np.ones(n), "speed_priority": np.ones(n), "variation_priority": np.ones(n),
         "accepted": np.full(n, -1), "silent": np.zeros(n, dtype=np.bool_), "age": np.zeros(n),
+        "stranger_x": np.full(n, NEVER), "stranger_v": np.zeros(n), "stranger_b": np.ones(n),
     }  # fmt: skip
     return Snapshot(**(values | {k: v if np.isscalar(v) else np.asarray(v) for k, v in columns.items()}))
 

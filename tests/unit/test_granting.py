@@ -167,3 +167,19 @@ def test_the_interlock_bounds_every_speed() -> None:
         assert (made == limit).any()  # each is met: none can be left out
     assert (made >= floor).all()
     assert (made == floor).any()
+
+
+@pytest.mark.parametrize(("rear_m", "speed", "fits"), [(12.0, 0.0, False), (12.0, 20.0, True), (60.0, 0.0, True)])
+def test_nobody_is_cleared_into_a_queue_of_strangers(rear_m: float, speed: float, fits: bool) -> None:
+    """The area ends 9 m past the line: there has to be room beyond it even if the stranger brakes fully from now."""
+    cars = snapshot(s=[40.0], stranger_x=[rear_m], stranger_v=[speed], stranger_b=[4.5])
+    assert bool(granted(cars, Book(), [4.0]).given) == fits
+
+
+def test_nor_behind_an_exiting_vehicle_that_has_one_ahead() -> None:
+    """The first stands clear of the zone, behind a stranger that leaves it no room to go on."""
+    ahead = {"stranger_v": [0.0, 0.0], "stranger_b": [4.5, 4.5]}
+    through = -(GROUND.length[ACROSS] + 8.0)
+    for rear_m, fits in ((-through + 3.0, False), (NEVER, True)):
+        cars = snapshot(s=[through, 45.0], v=[5.0, 10.0], stranger_x=[rear_m, NEVER], **ahead)
+        assert bool(granted(cars, Book(), [NO_SLOT, 4.5]).given) == fits

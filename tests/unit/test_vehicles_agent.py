@@ -6,7 +6,7 @@ import pytest
 from vehicles_builders import Drive, Seen, offer
 
 from gameopt_wire import motion
-from gameopt_wire.messages import STEP_S, Bid
+from gameopt_wire.messages import STEP_S, Bid, Stranger
 
 
 def test_a_fresh_command_is_obeyed_within_capabilities() -> None:
@@ -128,3 +128,15 @@ def test_bids_come_at_entry_every_second_and_when_they_change_until_cleared() ->
     drive.command(clearance=offer(drive))
     drive.step()
     assert drive.agent.bid(drive.time_s) is None
+
+
+def test_a_stranger_ahead_overrules_every_command_and_is_told_to_the_manager() -> None:
+    stranger = {"leader_gap_m": 17.2, "leader_speed_mps": 10.0, "leader_decel_mps2": 4.5, "leader_strange": True}
+    drive = Drive(Seen(speed_mps=15.0, **stranger))
+    assert drive.state.stranger == Stranger(gap_m=17.2, speed_mps=10.0, decel_mps2=4.5)
+    drive.command(speed_mps=15.2)
+    assert drive.step().speed_mps == motion.follow_speed(15.2, 15.0, 4.5, 10.0, 4.5, STEP_S)
+    drive.seen.leader_strange = False
+    drive.command(speed_mps=15.2)
+    assert drive.step().stranger is None
+    assert drive.seen.speed_mps > 15.0

@@ -28,6 +28,7 @@ class Seen(msgspec.Struct, kw_only=True):
     max_accel_mps2: float = 2.6
     max_decel_mps2: float = 4.5
     leader_gap_m: float | None = None
+    leader_strange: bool = False
     leader_speed_mps: float | None = None
     leader_decel_mps2: float | None = None
     controlled: bool = True

@@ -23,7 +23,7 @@ from gameopt_vehicles.profile import SpeedProfile
 from gameopt_vehicles.road import Observation
 from gameopt_vehicles.strategies import Preference, Strategy, generator, preference_of, truthful
 from gameopt_wire.intersection import Lane, Movement
-from gameopt_wire.messages import STEP_S, Bid, Clearance, Command, State
+from gameopt_wire.messages import STEP_S, Bid, Clearance, Command, State, Stranger
 
 OFFER_DISTANCE_M = 0.4
 OFFER_SPEED_MPS = 1.2
@@ -115,6 +115,7 @@ class Agent:
             term=accepted.term if accepted else max(0, self._last[0]),
             accepted=accepted.id if accepted else None,
             fallback=self.fallback,
+            stranger=_stranger(seen),
         )
 
     def bid(self, time_s: float) -> Bid | None:
@@ -152,6 +153,8 @@ class Agent:
             speed = min(self._tracked(accepted, seen, time_s), self._slower(accepted, seen, time_s))
         else:
             speed = self._commanded(seen, time_s)
+        if seen.leader_strange:
+            speed = min(speed, driving.radar_limit(seen))  # nobody else keeps the vehicle off it
         speed = driving.within_capabilities(seen, speed)
         if self._random is not None and speed > 0.0:
             speed = min(seen.max_speed_mps, max(0.0, speed + self._random.normal(0.0, self._noise_mps)))
@@ -243,3 +246,14 @@ class Agent:
             self.fallbacks += 1
         self.fallback = abandoned
         return min(driving.cruise(seen), limit)
+
+
+def _stranger(seen: Observation) -> Stranger | None:
+    """What the manager has to be told of the leader, if it cannot know it."""
+    if not seen.leader_strange or seen.leader_gap_m is None or seen.leader_speed_mps is None:
+        return None
+    return Stranger(
+        gap_m=seen.leader_gap_m,
+        speed_mps=max(0.0, seen.leader_speed_mps),
+        decel_mps2=seen.leader_decel_mps2 or seen.max_decel_mps2,
+    )

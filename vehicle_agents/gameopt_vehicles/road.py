@@ -11,7 +11,8 @@ from gameopt_wire.intersection import IntersectionMap
 class Observation(Protocol):
     """What one vehicle's own sensors say after a step; `leader_…` is its radar, None with nobody ahead.
 
-    `leader_gap_m` is bumper to bumper, along the path the vehicle will take. A vehicle that is not
+    `leader_gap_m` is bumper to bumper, along the path the vehicle will take; `leader_strange` marks one that the
+    manager cannot know to be ahead: nobody controls it, or it is bound for another lane. A vehicle that is not
     `controlled` is in the hands of the driver model: it has no agent.
     """
 
@@ -43,6 +44,8 @@ class Observation(Protocol):
     def leader_speed_mps(self) -> float | None: ...
     @property
     def leader_decel_mps2(self) -> float | None: ...
+    @property
+    def leader_strange(self) -> bool: ...
     @property
     def controlled(self) -> bool: ...
 

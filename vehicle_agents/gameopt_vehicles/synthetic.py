@@ -45,6 +45,7 @@ class SyntheticVehicle:
     entered_s: float
     acceleration_mps2: float = 0.0
     leader_gap_m: float | None = None
+    leader_strange: bool = False
     leader_speed_mps: float | None = None
     leader_decel_mps2: float | None = None
     target_mps: float = 0.0

@@ -13,6 +13,7 @@ from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.profiles import HORIZON, clear_time, drive, held_back, resting
 from gameopt_im.core.reservations import Book, Reservation, Stack, clash
 from gameopt_im.core.snapshot import Bools, Floats, Ints, Snapshot
+from gameopt_im.core.strangers import Rows, stranger_rows
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
 
@@ -121,6 +122,8 @@ def exit_ways(snapshot: Snapshot, ground: Ground, limits: Limits, parameters: Pa
                 ways[j].late_v[None],
                 snapshot.b_max[j : j + 1],
             )
+        elif (ahead := stranger_rows(snapshot, int(i))) is not None:
+            room, lead_v, lead_b = ahead[2][None], ahead[3][None], np.array([ahead[4]])
         late_x, late_v = np.empty(HORIZON), np.empty(HORIZON)
         held_back(
             x0, v0, v, 0, (float(snapshot.length[i]), float(snapshot.a_max[i]), b), -NEVER,
@@ -131,7 +134,7 @@ def exit_ways(snapshot: Snapshot, ground: Ground, limits: Limits, parameters: Pa
 
 
 def leaders_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, exits: Ways, i: int) -> Leaders:
-    """The vehicles that i has to stay behind: its lane leader, and whoever else is bound for its exit lane.
+    """The vehicles that i has to stay behind: its lane leader, whoever else is bound for its exit lane, and a stranger.
 
     A leader with a reservation follows its profile, an exiting one its way; any other is taken to go on, or, in
     the worst case, to brake fully from now.
@@ -143,6 +146,8 @@ def leaders_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, e
         _leader_rows(snapshot, book, exits, int(j), own - float(ground.length[snapshot.movement[j]]), own, False)
         for j in np.flatnonzero(merging)
     ]
+    if (ahead := stranger_rows(snapshot, i)) is not None:
+        found.append(ahead)
     if limits.leader[i] >= 0:
         found.append(_leader_rows(snapshot, book, exits, int(limits.leader[i]), 0.0, own, True))
     if not found:
@@ -157,7 +162,7 @@ NOBODY = Leaders(_FAR, _FAR, _FAR, _FAR, np.ones(1))
 
 def _leader_rows(
     snapshot: Snapshot, book: Book, exits: Ways, j: int, shift: float, merge_at: float, same_lane: bool
-) -> tuple[Floats, Floats, Floats, Floats, float]:
+) -> Rows:
     """(room, v, worst-case room, worst-case v, b) behind vehicle j; no room limit before it has merged."""
     b = float(snapshot.b_max[j])
     reservation = book.held.get(snapshot.ids[j])

@@ -28,6 +28,8 @@ class Snapshot:
     manager gave: where it leads is not in this one's books.
     `silent` marks vehicles whose state is predicted because nothing was heard of them this cycle; `age` is how
     long ago the state was that it was predicted from (0 where it is fresh).
+    `stranger_x` is where the rear of a stranger ahead is past the vehicle's own stop line, with its speed and
+    deceleration; NEVER where there is none.
     """
 
     cycle: int
@@ -49,6 +51,9 @@ class Snapshot:
     accepted: Ints
     silent: Bools
     age: Floats
+    stranger_x: Floats
+    stranger_v: Floats
+    stranger_b: Floats
 
     def __len__(self) -> int:
         return len(self.ids)

@@ -31,6 +31,7 @@ def seen(vehicle: str, distance_m: float, speed_mps: float = 20.0, accel: float 
         None,
         None,
         None,
+        False,
         True,
     )
 

@@ -21,8 +21,8 @@ from gameopt_wire.motion import STOP_OFFSET_M
 class Tracked:
     """A vehicle's latest state, and what was looked up once for it.
 
-    `reserved` says that the manager's own books have a clearance for it, `vanished` that its liveliness token
-    has gone since its last state.
+    `setback_m` is how far short of the line it keeps while it waits. `reserved` says that the manager's own books
+    have a clearance for it, `vanished` that its liveliness token has gone since its last state.
     """
 
     state: State
@@ -31,6 +31,7 @@ class Tracked:
     footprint: int
     bounds: VehicleClass
     priority: Priority
+    setback_m: float = 0.0
     reserved: bool = False
     vanished: bool = False
 
@@ -68,7 +69,7 @@ def predict(vehicle: Tracked, time_s: float) -> tuple[float, float]:
     age_s = max(time_s - state.time_s, -STEP_S)
     s, v = state.distance_m - state.speed_mps * age_s, state.speed_mps
     if age_s > 0.0 and vehicle.could_stop and not vehicle.holds_clearance:
-        rest = min(state.distance_m, STOP_OFFSET_M)
+        rest = min(state.distance_m, vehicle.setback_m + STOP_OFFSET_M)
         s = max(s, rest)
         v = min(v, math.sqrt(2.0 * state.max_decel_mps2 * (s - rest)))
     return s, v
@@ -92,13 +93,14 @@ def picture(
     accepted = [
         NONE if state.accepted is None else state.accepted if state.term == term else FOREIGN for state in states
     ]
+    v = reals([speed for _, speed in predicted])
     age = np.maximum(time_s - reals([state.time_s for state in states]), 0.0)
     return Snapshot(
         cycle=cycle,
         time_s=time_s,
         ids=tuple(state.vehicle for state in states),
         s=s,
-        v=reals([speed for _, speed in predicted]),
+        v=v,
         length=reals([state.length_m for state in states]),
         a_max=reals([state.max_accel_mps2 for state in states]),
         b_max=reals([state.max_decel_mps2 for state in states]),
@@ -116,4 +118,7 @@ def picture(
         stranger_x=reals([NEVER if each is None else each.gap_m - state.distance_m for each, state in strangers]),
         stranger_v=reals([0.0 if each is None else each.speed_mps for each, _ in strangers]),
         stranger_b=reals([1.0 if each is None else each.decel_mps2 for each, _ in strangers]),
+        heard_s=np.where(age > 0.0, reals([state.distance_m for state in states]), s),
+        heard_v=np.where(age > 0.0, reals([state.speed_mps for state in states]), v),
+        gap=reals([math.inf if state.leader_gap_m is None else state.leader_gap_m for state in states]),
     )

@@ -201,11 +201,13 @@ class Tracker:
             return
         bounds = class_bounds(self._parameters.classes, state.vehicle_class)
         bid = self._bids.get(state.vehicle)
+        footprint = self._map.footprint_of(state.length_m, state.width_m)
         vehicle = Tracked(
             state=state,
             entered_s=known.entered_s if known else state.time_s,
             movement=movement,
-            footprint=self._map.footprint_of(state.length_m, state.width_m),
+            footprint=footprint,
+            setback_m=float(self._ground.setback[movement, footprint]),
             bounds=bounds,
             priority=assign(bounds, bid.assertiveness if bid else bounds.assertiveness[0]),
         )

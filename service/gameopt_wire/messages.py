@@ -56,6 +56,7 @@ class State(Message, frozen=True, kw_only=True, tag="state", gc=False):
     `distance_m` runs along the path from the front bumper to the stop line, negative once past it.
     `accepted` is the id of the clearance the vehicle follows, with the `term` of the manager that gave it.
     `stranger` is what its radar sees ahead and the manager does not.
+    `leader_gap_m` is the way to any other vehicle ahead, bumper to bumper; null with none, or no radar.
     """
 
     vehicle: VehicleId
@@ -74,6 +75,7 @@ class State(Message, frozen=True, kw_only=True, tag="state", gc=False):
     accepted: Counter | None = None
     fallback: bool = False
     stranger: Stranger | None = None
+    leader_gap_m: Distance | None = None
 
 
 class Bid(Message, frozen=True, kw_only=True, tag="bid", gc=False):

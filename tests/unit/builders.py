@@ -143,10 +143,12 @@ def snapshot(**columns: Any) -> Snapshot:
         "lane": movements, "footprint": np.zeros(n, dtype=np.int64), "waited": np.zeros(n),
         "assertiveness": np.ones(n), "speed_priority": np.ones(n), "variation_priority": np.ones(n),
         "accepted": np.full(n, -1), "silent": np.zeros(n, dtype=np.bool_), "age": np.zeros(n),
+        "gap": np.full(n, np.inf),
         "stranger_x": np.full(n, NEVER), "stranger_v": np.zeros(n), "stranger_b": np.ones(n),
     }  # fmt: skip
-    return Snapshot(**(values | {k: v if np.isscalar(v) else np.asarray(v) for k, v in columns.items()}))
+    values |= {k: v if np.isscalar(v) else np.asarray(v) for k, v in columns.items()}
+    return Snapshot(**({"heard_s": values["s"], "heard_v": values["v"]} | values))
 
 
 def limits_of(cars: Snapshot, book: Book) -> Limits:
-    return interlock.limits(cars, GROUND, interlock.phases(cars, GROUND, book), cars.age, Parameters().exit)
+    return interlock.limits(cars, GROUND, book, Parameters().exit)

@@ -161,7 +161,7 @@ def test_the_interlock_bounds_every_speed() -> None:
     stop, follow, turn, top, floor, planned = values
     floor = floor - 8.0
     none = np.full(200, -1)
-    made = interlock.bounded(planned, Limits(none, none, none, stop, follow, turn, top, floor))
+    made = interlock.bounded(planned, Limits(none, none, none, none < 0, stop, follow, turn, top, floor))
     for limit in (planned, stop, follow, turn, top):
         assert (made <= np.maximum(limit, floor)).all()
         assert (made == limit).any()  # each is met: none can be left out

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
-from tracking import CLEAR_M, LENGTH_M, SERVICE, TERM, fates, state, tracker, with_exits_of
+from tracking import CLEAR_M, LENGTH_M, ROADS, SERVICE, TERM, fates, state, tracker, with_exits_of
 
 from gameopt_im.core.conflicts import ground
 from gameopt_im.core.interlock import INTRUDING, UNCLEARED, phases
@@ -45,6 +46,15 @@ def test_an_uncleared_vehicle_is_predicted_to_stop_before_the_line() -> None:
     assert half_way.v[0] <= np.sqrt(2 * 4.5 * 10.0) + 1e-9
     at_rest = vehicles.snapshot(119, 11.9)
     assert (at_rest.s[0], at_rest.v[0]) == (1.0, 0.0)
+
+
+def test_an_uncleared_vehicle_is_predicted_to_stop_before_its_setback() -> None:
+    movements = [msgspec.structs.replace(each, setback_m=[3.0] * len(ROADS.footprints)) for each in ROADS.movements]
+    vehicles = tracker(roads=msgspec.structs.replace(ROADS, movements=movements))
+    vehicles.ingest_state(state(distance_m=29.0, speed_mps=15.0), 10.0)
+    at_rest = vehicles.snapshot(119, 11.9)
+    assert (at_rest.s[0], at_rest.v[0]) == (4.0, 0.0)
+    assert (at_rest.heard_s[0], at_rest.heard_v[0]) == (29.0, 15.0)
 
 
 def test_a_cleared_vehicle_is_predicted_over_the_line() -> None:

@@ -130,13 +130,22 @@ def test_bids_come_at_entry_every_second_and_when_they_change_until_cleared() ->
     assert drive.agent.bid(drive.time_s) is None
 
 
-def test_a_stranger_ahead_overrules_every_command_and_is_told_to_the_manager() -> None:
+def test_a_leader_overrules_every_command_and_a_stranger_is_told_to_the_manager() -> None:
     stranger = {"leader_gap_m": 17.2, "leader_speed_mps": 10.0, "leader_decel_mps2": 4.5, "leader_strange": True}
     drive = Drive(Seen(speed_mps=15.0, **stranger))
     assert drive.state.stranger == Stranger(gap_m=17.2, speed_mps=10.0, decel_mps2=4.5)
+    assert drive.state.leader_gap_m is None  # it is no vehicle that the manager should know
     drive.command(speed_mps=15.2)
     assert drive.step().speed_mps == motion.follow_speed(15.2, 15.0, 4.5, 10.0, 4.5, STEP_S)
     drive.seen.leader_strange = False
+    limit = motion.follow_speed(15.2, drive.seen.speed_mps, 4.5, 10.0, 4.5, STEP_S)
     drive.command(speed_mps=15.2)
-    assert drive.step().stranger is None
-    assert drive.seen.speed_mps > 15.0
+    state = drive.step()
+    assert (state.speed_mps, state.stranger, state.leader_gap_m) == (limit, None, 17.2)
+
+
+def test_no_command_takes_an_uncleared_vehicle_past_the_point_of_no_return() -> None:
+    """The manager may have sent it on the strength of an old state."""
+    drive = Drive(Seen(distance_m=26.5, speed_mps=15.0), setback_m=0.5)  # 25 m to a stand, 1.5 m before the line
+    drive.command(speed_mps=15.2)
+    assert drive.step().speed_mps == motion.stop_speed(26.0, 15.0, 4.5, STEP_S) < 15.0

@@ -62,11 +62,13 @@ def test_a_second_offer_does_not_replace_the_first() -> None:
         ({}, True),
         ({"expires_s": 0.29}, False),
         ({"expires_s": 0.31}, True),
-        ({"speeds_mps": [16.15] * 40}, True),
-        ({"speeds_mps": [16.25] * 40}, False),
+        ({"speeds_mps": [15.8] * 40}, True),  # 0.24 m behind after 0.3 s, and 0.12 m more until it is as fast
+        ({"speeds_mps": [16.0] * 40}, False),
+        ({"speeds_mps": [14.1] * 40}, True),
+        ({"speeds_mps": [13.75] * 40}, False),
     ],
 )
-def test_a_late_offer_is_taken_only_unexpired_and_at_its_speed(fields: dict[str, Any], taken: bool) -> None:
+def test_a_late_offer_is_taken_only_unexpired_and_if_it_can_be_kept_to(fields: dict[str, Any], taken: bool) -> None:
     drive = Drive()
     clearance = offer(drive, **({"speeds_mps": [15.0] * 40} | fields))
     for _ in range(3):
@@ -84,6 +86,13 @@ def test_a_late_offer_is_taken_only_within_forty_centimetres(push_m: float, take
         drive.command(speed_mps=15.0)
         drive.step(push_m=push_m)
     drive.command(speed_mps=15.0, clearance=clearance)
+    assert (drive.step().accepted == 5) is taken
+
+
+@pytest.mark.parametrize(("speed", "accel", "taken"), [(16.15, 2.6, True), (16.25, 2.6, False), (16.15, 1.0, False)])
+def test_an_offer_is_taken_only_at_a_speed_that_the_vehicle_soon_has(speed: float, accel: float, taken: bool) -> None:
+    drive = Drive(Seen(max_accel_mps2=accel))
+    drive.command(clearance=offer(drive, speeds_mps=[speed] * 40))
     assert (drive.step().accepted == 5) is taken
 
 

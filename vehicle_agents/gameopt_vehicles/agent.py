@@ -27,15 +27,11 @@ from gameopt_wire.messages import STEP_S, Bid, Clearance, Command, State, Strang
 
 OFFER_DISTANCE_M = 0.4
 OFFER_SPEED_MPS = 1.2
-"""How far off an offered profile a vehicle may be and still take it."""
+"""How far off an offered profile a vehicle may be and still take it; the way it may never be off it afterwards."""
 BID_REPEAT_S = 1.0
 """A bid is repeated this often while it matters, in case one was lost."""
 NEWCOMER_S = 0.5
 """A vehicle that has just appeared does not count as abandoned before this."""
-DRIFT_M = 0.05
-DRIFT_GAIN_HZ = 0.5
-DRIFT_SPEED_MPS = 0.3
-"""Tracking: a drift beyond `DRIFT_M` is corrected at `DRIFT_GAIN_HZ`, by `DRIFT_SPEED_MPS` at most."""
 HISTORY_STEPS = 30
 SAME_TIME_S = 0.5 * STEP_S
 """Times closer than this are the same step."""
@@ -116,6 +112,7 @@ class Agent:
             accepted=accepted.id if accepted else None,
             fallback=self.fallback,
             stranger=_stranger(seen),
+            leader_gap_m=None if seen.leader_strange else seen.leader_gap_m,
         )
 
     def bid(self, time_s: float) -> Bid | None:
@@ -153,8 +150,6 @@ class Agent:
             speed = min(self._tracked(accepted, seen, time_s), self._slower(accepted, seen, time_s))
         else:
             speed = self._commanded(seen, time_s)
-        if seen.leader_strange:
-            speed = min(speed, driving.radar_limit(seen))  # nobody else keeps the vehicle off it
         speed = driving.within_capabilities(seen, speed)
         if self._random is not None and speed > 0.0:
             speed = min(seen.max_speed_mps, max(0.0, speed + self._random.normal(0.0, self._noise_mps)))
@@ -182,9 +177,9 @@ class Agent:
             return
         profile = SpeedProfile(offer)
         drift_m = seen.distance_m - (start_m - profile.covered_m(time_s))
-        if abs(drift_m) > OFFER_DISTANCE_M:
-            return
         if abs(seen.speed_mps - profile.speed_mps(time_s)) > OFFER_SPEED_MPS:
+            return
+        if driving.widest_drift(seen, profile, drift_m, time_s) > OFFER_DISTANCE_M:
             return
         self._accepted = _Accepted(offer.id, term, profile, start_m)
 
@@ -203,33 +198,30 @@ class Agent:
         return None
 
     def _tracked(self, accepted: _Accepted, seen: Observation, time_s: float) -> float:
-        """The profile's speed one step from now, a little more or less if the vehicle has drifted off it."""
-        speed = accepted.profile.speed_mps(time_s + STEP_S)
+        """The speed that keeps it on the profile, or brings it back."""
         drift_m = seen.distance_m - (accepted.start_distance_m - accepted.profile.covered_m(time_s))
-        if abs(drift_m) <= DRIFT_M:
-            return speed
-        return speed + max(-DRIFT_SPEED_MPS, min(DRIFT_SPEED_MPS, DRIFT_GAIN_HZ * drift_m))
+        return driving.tracking_speed(accepted.profile, drift_m, time_s)
 
     def _slower(self, accepted: _Accepted, seen: Observation, time_s: float) -> float:
-        """What rear-end safety leaves of a profile: this step's command, or rule 2 with the vehicle's own radar.
+        """What rear-end safety leaves of a profile: rule 2 with the vehicle's own radar, and this step's command.
 
         A command from before the manager knew of the acceptance would stop the vehicle at the line.
         """
+        limit = driving.radar_limit(seen)
         command = self._command
         if command is None or command.time_s <= time_s - SAME_TIME_S:
-            return driving.radar_limit(seen)
+            return limit
         same = (command.term, command.cleared) == (accepted.term, accepted.id)
-        return command.speed_mps if same else float("inf")
+        return min(limit, command.speed_mps) if same else limit
 
     def _commanded(self, seen: Observation, time_s: float) -> float:
         """The command's speed while there is one, else the fallback's."""
         command = self._command
         valid = command is not None and time_s <= command.valid_until_s
-        on_exit = seen.distance_m <= -self._movement.length_m
         if valid and command is not None and command.time_s > time_s - SAME_TIME_S:
             self.fallback = False
-            # On the exit lane the leader may be in the hands of the driver model, unknown to the manager.
-            return min(command.speed_mps, driving.radar_limit(seen)) if on_exit else command.speed_mps
+            may_cross = self._accepted is not None
+            return min(command.speed_mps, driving.safe_limit(seen, setback_m=self._setback_m, may_cross=may_cross))
         limit = driving.own_limit(
             seen,
             self._movement,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gameopt_vehicles.profile import SpeedProfile
 from gameopt_vehicles.road import Observation
 from gameopt_wire import motion
 from gameopt_wire.intersection import Lane, Movement
@@ -13,11 +14,44 @@ EXIT_HEADWAY_S = 1.3
 """Headway at which the simulator's own car-following can take over safely."""
 
 
-def within_capabilities(seen: Observation, speed_mps: float) -> float:
-    """The speed nearest to `speed_mps` that the vehicle can have one step from now."""
-    lowest = max(0.0, seen.speed_mps - seen.max_decel_mps2 * STEP_S)
-    highest = min(seen.max_speed_mps, seen.speed_mps + seen.max_accel_mps2 * STEP_S)
+DRIFT_M = 0.05
+DRIFT_GAIN_HZ = 0.5
+DRIFT_SPEED_MPS = 0.3
+"""Tracking: a drift beyond `DRIFT_M` is corrected at `DRIFT_GAIN_HZ`, by `DRIFT_SPEED_MPS` at most."""
+SAME_SPEED_MPS = 1e-6
+
+
+def within_capabilities(seen: Observation, speed_mps: float, from_mps: float | None = None) -> float:
+    """The speed nearest to `speed_mps` that the vehicle can have one step from now, or from being at `from_mps`."""
+    v_mps = seen.speed_mps if from_mps is None else from_mps
+    lowest = max(0.0, v_mps - seen.max_decel_mps2 * STEP_S)
+    highest = min(seen.max_speed_mps, v_mps + seen.max_accel_mps2 * STEP_S)
     return max(lowest, min(speed_mps, highest))  # a vehicle above its limit brakes no harder than it can
+
+
+def tracking_speed(profile: SpeedProfile, drift_m: float, time_s: float) -> float:
+    """The profile's speed one step from `time_s`, a little more or less if the vehicle is `drift_m` behind it."""
+    speed = profile.speed_mps(time_s + STEP_S)
+    if abs(drift_m) <= DRIFT_M:
+        return speed
+    return speed + max(-DRIFT_SPEED_MPS, min(DRIFT_SPEED_MPS, DRIFT_GAIN_HZ * drift_m))
+
+
+def widest_drift(seen: Observation, profile: SpeedProfile, drift_m: float, time_s: float) -> float:
+    """How far off the profile a vehicle that joins it now, `drift_m` behind, will be at most, m.
+
+    Being slower than the profile it falls further behind until it has caught up, and a heavy one takes its time.
+    """
+    widest_m, speed = abs(drift_m), seen.speed_mps
+    while not profile.ended(time_s):
+        if abs(drift_m) <= DRIFT_M and abs(speed - profile.speed_mps(time_s)) <= SAME_SPEED_MPS:
+            break  # on it, and it was made for this vehicle
+        before, speed = speed, within_capabilities(seen, tracking_speed(profile, drift_m, time_s), speed)
+        moved_m = profile.covered_m(time_s + STEP_S) - profile.covered_m(time_s)
+        drift_m += moved_m - 0.5 * STEP_S * (before + speed)
+        widest_m = max(widest_m, abs(drift_m))
+        time_s += STEP_S
+    return widest_m
 
 
 def radar_limit(seen: Observation) -> float:
@@ -34,6 +68,19 @@ def radar_limit(seen: Observation) -> float:
     )
 
 
+def safe_limit(seen: Observation, *, setback_m: float, may_cross: bool) -> float:
+    """Rules 1 and 2 from own sensors: what no command may exceed, since the manager may know less than they see.
+
+    Rule 1, its line moved upstream by `setback_m`, binds a vehicle that may not cross and has not yet passed the stop
+    line.
+    """
+    limit = radar_limit(seen)
+    if seen.distance_m > 0.0 and not may_cross:
+        room_m = seen.distance_m - setback_m
+        limit = min(limit, motion.stop_speed(room_m, seen.speed_mps, seen.max_decel_mps2, STEP_S))
+    return limit
+
+
 def open_gap_limit(seen: Observation) -> float:
     """On the exit lane: fall back to `EXIT_HEADWAY_S` behind the leader, gently."""
     if seen.leader_gap_m is None or seen.leader_gap_m >= EXIT_HEADWAY_S * seen.speed_mps:
@@ -46,14 +93,11 @@ def own_limit(
 ) -> float:
     """Largest next speed under rules 1 to 3 and the limits of the lanes, from own sensors alone.
 
-    Rule 1, its line moved upstream by `setback_m`, binds a vehicle that may not cross and has not yet passed the stop
-    line; one that is past it is a hazard to everybody until it has cleared the junction, so it goes on, behind its
-    leader.
+    One that is past the line without a clearance is a hazard to everybody until it has left the junction, so it goes
+    on, behind its leader.
     """
     s = seen.distance_m
-    limit = radar_limit(seen)
-    if s > 0.0 and not may_cross:
-        limit = min(limit, motion.stop_speed(s - setback_m, seen.speed_mps, seen.max_decel_mps2, STEP_S))
+    limit = safe_limit(seen, setback_m=setback_m, may_cross=may_cross)
     if s <= -movement.length_m:
         return min(limit, movement.exit_speed_mps, open_gap_limit(seen))
     limit = min(limit, lane.speed_limit_mps)

@@ -46,10 +46,10 @@ def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
         if not reservation.accepted and int(snapshot.accepted[i]) == reservation.clearance:
             book.accept(vehicle)
             accepted.append(reservation)
-        x = -float(snapshot.s[i])
+        x = -float(snapshot.heard_s[i])
         if book.held[vehicle].accepted:
             through = x - reservation.length >= ground.clear[reservation.movement]
-            if through and x >= ground.length[reservation.movement] and not snapshot.silent[i]:
+            if through and x >= ground.length[reservation.movement]:
                 left.append(book.free(vehicle))
         elif snapshot.time_s - float(snapshot.age[i]) > reservation.expires_s + 1e-6:
             lapsed.append(book.free(vehicle))
@@ -66,7 +66,7 @@ class Picture:
 
 def picture(snapshot: Snapshot, ground: Ground, book: Book, parameters: Parameters) -> Picture:
     """Who may do what next; ground is held for any vehicle that may be in the zone without a clearance."""
-    limits = interlock.limits(snapshot, ground, interlock.phases(snapshot, ground, book), snapshot.age, parameters.exit)
+    limits = interlock.limits(snapshot, ground, book, parameters.exit)
     strayed = refresh(snapshot, ground, book, limits, parameters)
     for intrusion in intrusions(snapshot, limits):
         book.held.setdefault(intrusion.vehicle, intrusion)

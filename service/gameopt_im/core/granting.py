@@ -63,7 +63,7 @@ def grant(
         vehicle = snapshot.ids[i]
         if limits.phase[i] != UNCLEARED or not asking[i] or vehicle in book.held or snapshot.silent[i]:
             continue
-        if not _leader_cleared(snapshot, book, limits, i):
+        if limits.unheard[i] or not _leader_cleared(snapshot, book, limits, i):
             continue
         leaders = leaders_of(snapshot, ground, book, limits, exits, i)
         made = crossing(snapshot, ground, stack, leaders, i, float(slots[i]), parameters)
@@ -289,7 +289,7 @@ def refresh(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, para
     for s, vehicle in held:
         i, reservation = row[vehicle], book.held[vehicle]
         k = reservation.step(snapshot.cycle)
-        if snapshot.silent[i] or k >= HORIZON - 2:
+        if snapshot.age[i] > 0.0 or k >= HORIZON - 2:
             continue
         if not reservation.late_x[k] - OFF_PROFILE_M <= -s <= reservation.x[k] + OFF_PROFILE_M:
             strayed.append(vehicle)

@@ -30,12 +30,14 @@ class Limits:
 
     `stop` is rule 1, `follow` rule 2 (with the exit law for exiting vehicles), `turn` rule 3, `top` and `floor` what
     the vehicle can reach, or may have reached since it was last heard. `leader` is the index of the next vehicle
-    ahead on its lane, `downstream` that of the next on its exit lane, -1 for none.
+    ahead on its lane, `downstream` that of the next on its exit lane, -1 for none. `unheard` marks who sees somebody
+    ahead that the manager does not know of.
     """
 
     phase: Ints
     leader: Ints
     downstream: Ints
+    unheard: Bools
     stop: Floats
     follow: Floats
     turn: Floats
@@ -46,16 +48,18 @@ class Limits:
 def phases(snapshot: Snapshot, ground: Ground, book: Book) -> Ints:
     """The phase of each vehicle. Rule 1's tolerance keeps a vehicle that rides its curve exactly uncleared.
 
-    A vehicle on the clearance of a manager before this one will cross, whatever it is told: it intrudes from now on.
+    Phases follow from what was heard, never from a prediction: who could stop then does so unless it has taken a
+    clearance, and who was not yet past the conflict zone may still be held up in it. A vehicle on the clearance of a
+    manager before this one will cross, whatever it is told: it intrudes from now on.
     """
-    x = -snapshot.s
+    x = -snapshot.heard_s
     clear = x - snapshot.length >= ground.clear[snapshot.movement] - 1e-6
     over = (x >= ground.length[snapshot.movement]) & clear
     phase = np.where(over, EXITING, UNCLEARED)
     setback = ground.setback[snapshot.movement, snapshot.footprint]
-    room = snapshot.s - setback - motion.STOP_OFFSET_M + 0.05
-    stopping = 0.5 * snapshot.v**2 / snapshot.b_max
-    unable = (stopping > np.maximum(room, 0.0) + 1e-6) | (snapshot.s < setback)
+    room = snapshot.heard_s - setback - motion.STOP_OFFSET_M + 0.05
+    stopping = 0.5 * snapshot.heard_v**2 / snapshot.b_max
+    unable = (stopping > np.maximum(room, 0.0) + 1e-6) | (snapshot.heard_s < setback)
     phase[(phase == UNCLEARED) & (unable | (snapshot.accepted == FOREIGN))] = INTRUDING
     for i, vehicle in enumerate(snapshot.ids):
         reservation = book.held.get(vehicle)
@@ -95,10 +99,12 @@ def exit_leaders(exit_lane: Ints, along: Floats) -> Ints:
 
 
 @kernel
-def follow_limit(x: Floats, v: Floats, length: Floats, b: Floats, age: Floats, leader: Ints, offset: Floats) -> Floats:
+def follow_limit(
+    x: Floats, v: Floats, length: Floats, b: Floats, worst_x: Floats, worst_v: Floats, leader: Ints, offset: Floats
+) -> Floats:
     """Rule 2 for each vehicle behind `leader`, m/s; NEVER without one.
 
-    `x + offset` are positions on a common path. A leader not heard of for `age` s may have braked since.
+    `x + offset` are positions on a common path; a leader counts as where it may be at worst.
     """
     n = x.shape[0]
     out = np.full(n, NEVER)
@@ -106,11 +112,53 @@ def follow_limit(x: Floats, v: Floats, length: Floats, b: Floats, age: Floats, l
         j = leader[i]
         if j < 0:
             continue
-        braked = max(0.0, v[j] - b[j] * age[j])
-        lost = v[j] * age[j] - 0.5 * (v[j] + braked) * min(age[j], v[j] / b[j])
-        gap = x[j] + offset[j] - lost - length[j] - motion.REAR_GAP_M - x[i] - offset[i]
-        out[i] = motion.follow_speed(gap, v[i], b[i], braked, b[j], STEP_S)
+        gap = worst_x[j] + offset[j] - length[j] - motion.REAR_GAP_M - x[i] - offset[i]
+        out[i] = motion.follow_speed(gap, v[i], b[i], worst_v[j], b[j], STEP_S)
     return out
+
+
+def at_worst(snapshot: Snapshot, ground: Ground, book: Book, phase: Ints, limits: Exit) -> tuple[Floats, Floats]:
+    """(x, v) of each vehicle, as far back and as slow as it may be: what a follower has to reckon with.
+
+    Who was heard just now is where it said. One on a clearance is in the worst case of its profile, for which its
+    ground is held; one past the conflict zone has slowed as the exit law may make it; any other has braked fully.
+    """
+    x, v = -snapshot.s, snapshot.v.copy()
+    for i in np.flatnonzero(snapshot.age > 0.0):
+        reservation = book.held.get(snapshot.ids[i])
+        heard_x, heard_v, age = -float(snapshot.heard_s[i]), float(snapshot.heard_v[i]), float(snapshot.age[i])
+        if phase[i] == CLEARED and reservation is not None:
+            k = reservation.step(snapshot.cycle)
+            x[i], v[i] = max(heard_x, float(reservation.late_x[k])), float(reservation.late_v[k])
+        elif phase[i] == EXITING:
+            slowest = min(heard_v, OPENING_FLOOR * float(ground.exit_mps[snapshot.movement[i]]))
+            x[i], v[i] = _slowed(heard_x, heard_v, limits.decel_mps2, slowest, age)
+        else:
+            x[i], v[i] = _slowed(heard_x, heard_v, float(snapshot.b_max[i]), 0.0, age)
+    return x, v
+
+
+def unheard(snapshot: Snapshot, ground: Ground, leader: Ints, downstream: Ints, worst_x: Floats) -> Bools:
+    """Whose radar sees a vehicle on the approach before the one that the manager takes for its leader.
+
+    Its states may all be lost, so it has no clearance, and whoever is behind it cannot cross. In between would be at
+    the least a standing gap; a leader may also have moved on since the follower spoke.
+    """
+    line: Floats = np.zeros(len(snapshot))
+    own = ground.length[snapshot.movement]
+    known = line.copy()
+    for ahead, shifted in ((leader, line), (downstream, own)):
+        rear = worst_x[ahead] - snapshot.length[ahead] - shifted[ahead] + shifted
+        moved = snapshot.v[ahead] * snapshot.age
+        known = np.where(ahead >= 0, np.minimum(known, rear - moved), known)
+    return np.asarray(snapshot.gap - snapshot.heard_s + motion.REAR_GAP_M < known)
+
+
+def _slowed(x: float, v: float, b: float, slowest: float, time: float) -> tuple[float, float]:
+    """(x, v) after braking at b for `time` s, down to `slowest`."""
+    braking = min(time, (v - slowest) / b)
+    end = v - b * braking
+    return x + 0.5 * (v + end) * braking + end * (time - braking), end
 
 
 def exit_law(snapshot: Snapshot, leader: Ints, along: Floats, limits: Exit, exit_mps: Floats) -> Floats:
@@ -132,17 +180,20 @@ OPENING_FLOOR = 0.75
 """The exit law alone never slows below this share of the limit: a platoon must not stop itself, car by car."""
 
 
-def limits(snapshot: Snapshot, ground: Ground, phase: Ints, age: Floats, exit_parameters: Exit) -> Limits:
+def limits(snapshot: Snapshot, ground: Ground, book: Book, exit_parameters: Exit) -> Limits:
     """What each vehicle may do next, by rules 1, 2 and 3."""
+    phase, age = phases(snapshot, ground, book), snapshot.age
+    worst_x, worst_v = at_worst(snapshot, ground, book, phase, exit_parameters)
     x, v, b = -snapshot.s, snapshot.v, snapshot.b_max
     movement = snapshot.movement
     along = x - ground.length[movement]
     leader = lane_leaders(snapshot.lane, snapshot.s)
     downstream = exit_leaders(ground.exit_lane[movement], along)
     nothing = np.zeros(len(snapshot))
-    follow = follow_limit(x, v, snapshot.length, b, age, leader, nothing)
+    follow = follow_limit(x, v, snapshot.length, b, worst_x, worst_v, leader, nothing)
     near = np.where(along >= -30.0, downstream, -1)
-    follow = np.minimum(follow, follow_limit(x, v, snapshot.length, b, age, near, -ground.length[movement]))
+    offset = -ground.length[movement]
+    follow = np.minimum(follow, follow_limit(x, v, snapshot.length, b, worst_x, worst_v, near, offset))
     exiting = phase == EXITING
     opening = exit_law(snapshot, np.where(exiting, downstream, -1), along, exit_parameters, ground.exit_mps[movement])
     follow = np.where(exiting, np.minimum(follow, opening), follow)
@@ -150,10 +201,11 @@ def limits(snapshot: Snapshot, ground: Ground, phase: Ints, age: Floats, exit_pa
         phase=phase,
         leader=leader,
         downstream=downstream,
+        unheard=unheard(snapshot, ground, leader, downstream, worst_x),
         stop=_stop_limits(snapshot, ground, phase),
         follow=follow,
         turn=_turn_limits(snapshot, ground, exiting),
-        top=np.minimum(snapshot.v_max, v + snapshot.a_max * STEP_S),
+        top=np.minimum(snapshot.v_max, v + snapshot.a_max * (STEP_S + age)),
         floor=np.maximum(0.0, v - b * (STEP_S + age)),
     )
 

@@ -27,7 +27,9 @@ class Snapshot:
     `accepted` is the id of the clearance the vehicle says it follows, NONE for none, FOREIGN for one that another
     manager gave: where it leads is not in this one's books.
     `silent` marks vehicles whose state is predicted because nothing was heard of them this cycle; `age` is how
-    long ago the state was that it was predicted from (0 where it is fresh).
+    long ago the state was that it was predicted from (0 where it is fresh), `heard_s` and `heard_v` what it said.
+    `gap` is how far ahead its radar then saw a vehicle that the manager should know, bumper to bumper; infinite
+    for none.
     `stranger_x` is where the rear of a stranger ahead is past the vehicle's own stop line, with its speed and
     deceleration; NEVER where there is none.
     """
@@ -51,6 +53,9 @@ class Snapshot:
     accepted: Ints
     silent: Bools
     age: Floats
+    heard_s: Floats
+    heard_v: Floats
+    gap: Floats
     stranger_x: Floats
     stranger_v: Floats
     stranger_b: Floats

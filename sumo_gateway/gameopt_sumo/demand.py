@@ -69,11 +69,11 @@ def routes_xml(
     for a, arm in enumerate(ARMS):
         for intention, share in enumerate(turns):
             stream = np.random.default_rng([seed, a, intention])
-            for time_s in _arrivals(stream, flows_veh_h[arm] * share, duration_s):
+            for time_s in arrivals(stream, flows_veh_h[arm] * share, duration_s):
                 kind = names[int(stream.choice(len(names), p=list(classes.values())))]
                 departures.append((time_s, a, intention, kind))
     departures.sort()
-    lines = ["<routes>", *_type_lines(), *_route_lines()]
+    lines = ["<routes>", *type_lines(), *_route_lines()]
     count = dict.fromkeys(names, 0)
     for time_s, a, intention, kind in departures:
         lines.append(
@@ -85,7 +85,7 @@ def routes_xml(
     return "\n".join((*lines, "</routes>", ""))
 
 
-def _arrivals(stream: np.random.Generator, flow_veh_h: float, duration_s: float) -> list[float]:
+def arrivals(stream: np.random.Generator, flow_veh_h: float, duration_s: float) -> list[float]:
     """Arrival times of a Poisson process, s."""
     times: list[float] = []
     if flow_veh_h > 0.0:
@@ -96,7 +96,7 @@ def _arrivals(stream: np.random.Generator, flow_veh_h: float, duration_s: float)
     return times
 
 
-def _type_lines() -> list[str]:
+def type_lines() -> list[str]:
     # No randomness in driving and no lane changes of choice: each departs on its movement's lane and stays
     # there.
     driver = (

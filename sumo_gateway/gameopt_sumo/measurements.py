@@ -86,10 +86,12 @@ class Recorder:
         mean_mps = seen.speed_mps - 0.5 * seen.acceleration_mps2 * STEP_S
         inside_m = lane.zone_m - seen.distance_m
         since_s = min(STEP_S, inside_m / mean_mps) if mean_mps > 0.0 else 0.0
+        # One that departs inside the zone has the rest of it before it.
+        way_m = lane.zone_m if inside_m <= mean_mps * STEP_S else seen.distance_m + mean_mps * since_s
         free_flow_s = free_flow_time_s(
-            movement, lane.zone_m, min(lane.speed_limit_mps, seen.max_speed_mps), seen.max_decel_mps2
+            movement, way_m, min(lane.speed_limit_mps, seen.max_speed_mps), seen.max_decel_mps2
         )
-        return _Trip(seen.vehicle_class, time_s - max(0.0, since_s), free_flow_s, lane.zone_m)
+        return _Trip(seen.vehicle_class, time_s - max(0.0, since_s), free_flow_s, way_m)
 
     def _advance(self, trip: _Trip, seen: Observation, time_s: float, since_s: float) -> None:
         """Book the time from `since_s` on, up to the instant the front bumper comes onto the exit lane."""

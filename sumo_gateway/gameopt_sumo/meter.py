@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise, takewhile
 
 from gameopt_sumo.collisions import OverlapCheck
 from gameopt_sumo.encroachment import Encroachment
 from gameopt_sumo.figures import Measurements
+from gameopt_sumo.layout import Layout
 from gameopt_sumo.measurements import Recorder
-from gameopt_sumo.network import Layout
 from gameopt_sumo.observation import Departure, Observation, Pose
 
 
@@ -34,11 +35,14 @@ class Meter:
         self._crossings = {
             (_edge(lane), choice.exit_edge) for lane, choices in layout.choices.items() for choice in choices
         }
-        limits = {lane.id: lane.speed_limit_mps for lane in layout.map.lanes}
         self._upstream: dict[str, tuple[float, float]] = {}
+        """By edge of the approaches and the ways to them: where the control zone begins on it, and its limit."""
         for lane, place in layout.places.items():
-            if place.kind == "approach" and lane in limits:
-                self._upstream[_edge(lane)] = (place.observed_from_m, limits[lane])
+            if place.kind == "approach" and place.lane is not None:
+                self._upstream[_edge(lane)] = (place.observed_from_m, layout.map.lanes[place.lane].speed_limit_mps)
+            elif place.limit_mps is not None and not lane.startswith(":"):
+                begins_m = max(-layout.map.lanes[k].zone_m - offset_m for k, offset_m in place.offsets_m.items())
+                self._upstream[_edge(lane)] = (max(0.0, begins_m), place.limit_mps)
 
     def arrivals(self, time_s: float, departed: Sequence[Departure], pending: Sequence[Departure]) -> None:
         """Vehicles that came into the simulation, and those whose time to come has been reached.
@@ -57,7 +61,7 @@ class Meter:
                 self._known.add(vehicle.id)
 
     def passing(self, vehicle: Departure, time_s: float) -> None:
-        """A vehicle seen on an approach edge upstream of the control zone."""
+        """A vehicle seen on an approach edge, or on the way to one, upstream of the control zone or where it begins."""
         if vehicle.id not in self._known:
             self._known.add(vehicle.id)
             self._due(vehicle, time_s)
@@ -92,7 +96,8 @@ class Meter:
 
     def _due(self, vehicle: Departure, from_s: float) -> bool:
         """Settle when the vehicle is due at the control zone; False if it is not on an approach to it."""
-        if len(vehicle.route) < 2 or (vehicle.route[0], vehicle.route[1]) not in self._crossings:
+        here = len(list(takewhile(self._upstream.__contains__, vehicle.route)))
+        if here == 0 or not self._crossings & set(pairwise(vehicle.route[: here + 1])):
             return False
         zone_from_m, limit_mps = self._upstream[vehicle.route[0]]
         way_m = max(0.0, zone_from_m - vehicle.position_m)

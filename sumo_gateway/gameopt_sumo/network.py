@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 
@@ -22,7 +21,9 @@ from gameopt_sumo.junction import (
     number_roads,
     read_net,
 )
+from gameopt_sumo.layout import Layout, layout_of
 from gameopt_sumo.refusal import refuse_foreign_paths
+from gameopt_sumo.upstream import way_upstream
 from gameopt_wire.intersection import INTENTION_NUMBER, ConflictArea, IntersectionMap, Lane, Movement
 
 DEFAULT_CONTROL_ZONE_M = 150.0
@@ -39,49 +40,13 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True)
-class Place:
-    """A lane of the junction: where it lies along the path of whoever is on it.
-
-    A front bumper at p on an approach or internal lane is `offset_m` + p past the stop line. `lane` is the
-    index of the approach lane in the map, `movement` of the only movement over an internal lane. An approach
-    lane is observed from `observed_from_m` on.
-    """
-
-    kind: Literal["approach", "internal", "exit"]
-    offset_m: float = 0.0
-    lane: int | None = None
-    movement: int | None = None
-    observed_from_m: float = 0.0
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A movement that an approach lane offers, by the edge it leads to and its first internal lane."""
-
-    movement: int
-    exit_edge: str
-    via: str
-
-
-@dataclass(frozen=True)
-class Layout:
-    """A map together with the net's lanes it was read from."""
-
-    map: IntersectionMap
-    places: dict[str, Place]
-    """Every lane of the approach edges, the junction and the exit edges."""
-    choices: dict[str, list[Choice]]
-    """By approach lane."""
-
-
 def read_map(
     net_file: Path | str, junction: str | None = None, control_zone_m: float = DEFAULT_CONTROL_ZONE_M
 ) -> IntersectionMap:
     """The map of one junction of a SUMO net; its name is the junction's id.
 
-    Without `junction` the net must have exactly one with crossing movements. `control_zone_m` is cut to the
-    length of each approach. Raises `NetworkError`.
+    Without `junction` the net must have exactly one with crossing movements. `control_zone_m` is cut to where
+    another junction with conflicts lies nearer. Raises `NetworkError`.
     """
     return read_layout(net_file, junction, control_zone_m).map
 
@@ -101,6 +66,7 @@ def read_layout(
     links.sort(key=lambda link: (roads[link.approach], INTENTION_NUMBER[link.intention], *link.order))
     lanes = list({link.lane.getID(): link.lane for link in links}.values())
     lanes.sort(key=lambda lane: (roads[lane.getEdge().getID()], lane.getIndex()))
+    ways = [way_upstream(net, chosen, lane, control_zone_m) for lane in lanes]
     areas = conflict_areas(_swept(links), FOOTPRINTS)
     intersection_map = IntersectionMap(
         intersection=chosen.getID(),
@@ -110,43 +76,15 @@ def read_layout(
                 id=lane.getID(),
                 approach=roads[lane.getEdge().getID()],
                 speed_limit_mps=lane.getSpeed(),
-                zone_m=min(control_zone_m, lane.getLength()),
+                zone_m=way.zone_m,
             )
-            for lane in lanes
+            for lane, way in zip(lanes, ways, strict=True)
         ],
         movements=_movements(links, lanes, roads, areas),
         footprints=list(FOOTPRINTS),
         areas=areas,
     )
-    return Layout(intersection_map, _places(links, lanes, control_zone_m), _choices(links))
-
-
-def _places(links: list[Link], lanes: list[Any], control_zone_m: float) -> dict[str, Place]:
-    """Approach lanes first, then inside, then exits: a lane that is both entry and exit counts as entry."""
-    index = {lane.getID(): i for i, lane in enumerate(lanes)}
-    places: dict[str, Place] = {}
-    for link in links:
-        for lane in link.lane.getEdge().getLanes():
-            length_m = lane.getLength()
-            observed_from_m = length_m - min(control_zone_m, length_m)
-            places[lane.getID()] = Place("approach", -length_m, index.get(lane.getID()), None, observed_from_m)
-    for movement, link in enumerate(links):
-        offset_m = 0.0
-        for lane in link.internal:
-            places[lane.getID()] = Place("internal", offset_m, index[link.lane.getID()], movement)
-            offset_m += lane.getLength()
-    for link in links:
-        for lane in link.exit_lane.getEdge().getLanes():
-            places.setdefault(lane.getID(), Place("exit"))
-    return places
-
-
-def _choices(links: list[Link]) -> dict[str, list[Choice]]:
-    choices: dict[str, list[Choice]] = {}
-    for movement, link in enumerate(links):
-        choice = Choice(movement, link.exit_lane.getEdge().getID(), link.internal[0].getID())
-        choices.setdefault(link.lane.getID(), []).append(choice)
-    return choices
+    return layout_of(intersection_map, links, lanes, ways)
 
 
 def packaged_map() -> IntersectionMap:

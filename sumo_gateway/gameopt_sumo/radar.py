@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -22,8 +22,10 @@ class Body:
     """A vehicle on the lanes of the junction.
 
     `past_line_m` is its front bumper along its path, negative before the stop line. On an exit lane `on_exit`
-    is that lane and `exit_m` the position on it. `lane` is the index of the approach lane it is on or came
-    from.
+    is that lane and `exit_m` the position on it. `lane` is the index of the approach lane it is on, came from
+    or is bound for. `shared` are the upstream lanes it stands on, with its front's position along each, beyond its
+    end too, and how far each reaches. A vehicle that has to change lanes `wants` approach lanes: whoever comes up
+    behind it there lets it in. Its image on such a lane is `beside`.
     """
 
     vehicle: str
@@ -33,6 +35,9 @@ class Body:
     length_m: float
     on_exit: str | None = None
     exit_m: float = 0.0
+    shared: tuple[tuple[str, float, float], ...] = ()
+    wants: tuple[tuple[int, float], ...] = ()
+    beside: bool = False
 
 
 class Radar:
@@ -46,11 +51,16 @@ class Radar:
         """For every vehicle with one ahead: the leader and the gap, bumper to bumper, m."""
         out_of_lane: dict[int, list[Body]] = defaultdict(list)
         on_exit: dict[str, list[Body]] = defaultdict(list)
+        upstream: dict[str, list[tuple[float, float, Body]]] = defaultdict(list)
         for body in bodies:
             if body.on_exit is not None:
                 on_exit[body.on_exit].append(body)
             if body.lane is not None and not self._gone(body):
                 out_of_lane[body.lane].append(body)
+            for lane, past_line_m in body.wants:
+                out_of_lane[lane].append(replace(body, lane=lane, past_line_m=past_line_m, beside=True))
+            for lane_id, position_m, reach_m in body.shared:
+                upstream[lane_id].append((position_m, reach_m, body))
         found: dict[str, tuple[str, float]] = {}
         for queue in on_exit.values():
             queue.sort(key=lambda body: body.exit_m)
@@ -59,10 +69,17 @@ class Radar:
         for queue in out_of_lane.values():
             queue.sort(key=lambda body: body.past_line_m)
             for index, body in enumerate(queue):
-                if body.on_exit is None:
+                if body.on_exit is None and not body.beside:
                     leader = self._nearest(body, queue[index + 1 :], on_exit)
                     if leader is not None:
                         found[body.vehicle] = leader
+        for way in upstream.values():
+            way.sort(key=lambda entry: entry[0])
+            for (position_m, reach_m, body), (ahead_m, _, ahead) in pairwise(way):
+                gap_m = ahead_m - ahead.length_m - position_m
+                nearer = body.vehicle not in found or gap_m < found[body.vehicle][1]
+                if position_m <= reach_m and nearer:  # else its front has left the lane, to go its own way
+                    found[body.vehicle] = (ahead.vehicle, gap_m)
         return found
 
     def _gone(self, body: Body) -> bool:
@@ -78,6 +95,10 @@ class Radar:
         candidates: list[tuple[str, float]] = []
         for other in ahead:
             rear_m = other.past_line_m - other.length_m
+            if other.beside:
+                if rear_m >= body.past_line_m:
+                    candidates.append((other.vehicle, rear_m - body.past_line_m))
+                continue
             same = other.past_line_m <= 0.0 or other.movement == body.movement
             if same or rear_m < self._apart_m.get((body.movement, other.movement), 0.0):
                 candidates.append((other.vehicle, rear_m - body.past_line_m))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import libsumo
@@ -31,6 +31,16 @@ def start(config: Path, seed: int, gui: bool, extra_args: Sequence[str], hush: H
         raise SimulationError(f"{config}: {hush.reason(str(error))}") from None
 
 
+def take_over(junction: str, gates_mps: Mapping[str, float]) -> None:
+    """Switch the lights of the junction off, if they serve no other, and slow down who comes into a short zone."""
+    api = libsumo.trafficlight
+    for light in api.getIDList():
+        if set(api.getControlledJunctions(light)) == {junction}:
+            api.setProgram(light, "off")
+    for lane, speed_mps in gates_mps.items():
+        libsumo.lane.setMaxSpeed(lane, min(speed_mps, float(libsumo.lane.getMaxSpeed(lane))))
+
+
 def leader_beyond(vehicle: str) -> tuple[str, float] | None:
     """The leader on the edges after the exit edge; SUMO counts its gap less the follower's minimum gap."""
     found = libsumo.vehicle.getLeader(vehicle, RADAR_BEYOND_EDGE_M)
@@ -51,6 +61,26 @@ def read_vehicle(vehicle: str) -> Vehicle:
         max_accel_mps2=float(api.getAccel(vehicle)),
         max_decel_mps2=float(api.getDecel(vehicle)),
     )
+
+
+def vehicles_on(lane: str) -> tuple[str, ...]:
+    """The vehicles with their front on a lane, upstream first."""
+    return tuple(libsumo.lane.getLastStepVehicleIDs(lane))
+
+
+def position_m(vehicle: str) -> float:
+    """How far along its lane the front is."""
+    return float(libsumo.vehicle.getLanePosition(vehicle))
+
+
+def route_ahead(vehicle: str) -> tuple[str, ...]:
+    """The edges of its route, from the one it is on."""
+    return tuple(libsumo.vehicle.getRoute(vehicle)[max(0, libsumo.vehicle.getRouteIndex(vehicle)) :])
+
+
+def vias_ahead(vehicle: str) -> tuple[str, ...]:
+    """The first lanes within the junctions ahead, as far as its lane leads along its route."""
+    return tuple(link[4] for link in libsumo.vehicle.getNextLinks(vehicle))
 
 
 def pose(vehicle: str, lane: str) -> Pose:
@@ -94,7 +124,7 @@ def on_its_way(vehicle: str, scheduled_s: float) -> Departure:
     return Departure(
         id=vehicle,
         scheduled_s=scheduled_s,
-        route=tuple(api.getRoute(vehicle)[max(0, api.getRouteIndex(vehicle)) :]),
+        route=route_ahead(vehicle),
         position_m=float(api.getLanePosition(vehicle)),
         max_speed_mps=float(api.getMaxSpeed(vehicle)),
     )

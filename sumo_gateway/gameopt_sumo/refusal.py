@@ -18,7 +18,7 @@ _RAIL = ("rail", "rail_urban", "rail_electric", "rail_fast", "tram", "subway", "
 def refuse_foreign_paths(net: Any, net_file: Path, node: Any, links: Sequence[Link]) -> None:
     """Raise `NetworkError` where a pedestrian crossing, a railway or a cycle path crosses a movement of `node`."""
     movements = shapely.union_all([shapely.LineString(link.shape) for link in links])
-    for name, what, shape in (*_pedestrian_crossings(net, node), *_foreign_paths(net, node)):
+    for name, what, shape in (*pedestrian_crossings(net, node), *foreign_paths(net, node)):
         if shapely.LineString(shape).intersects(movements):
             raise NetworkError(
                 f"{net_file}: junction {node.getID()!r}: {what} ({name!r}) crosses its movements; "
@@ -26,13 +26,14 @@ def refuse_foreign_paths(net: Any, net_file: Path, node: Any, links: Sequence[Li
             )
 
 
-def _pedestrian_crossings(net: Any, node: Any) -> Iterator[tuple[str, str, Any]]:
+def pedestrian_crossings(net: Any, node: Any) -> Iterator[tuple[str, str, Any]]:
+    """Name, kind and shape of each crossing over an arm of the junction."""
     for edge in net.getEdges(withInternal=True):
         if edge.getFunction() == "crossing" and edge.getToNode() is node:
             yield edge.getID(), "a pedestrian crossing", edge.getLanes()[0].getShape()
 
 
-def _foreign_paths(net: Any, node: Any) -> Iterator[tuple[str, str, Any]]:
+def foreign_paths(net: Any, node: Any) -> Iterator[tuple[str, str, Any]]:
     """The paths over the junction that are open to vehicles, but to none that can be managed."""
     for edge in node.getIncoming():
         for lane in () if edge.isSpecial() else edge.getLanes():

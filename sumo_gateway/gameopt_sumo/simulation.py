@@ -6,7 +6,7 @@ With `readings` the only module that imports libsumo, which runs one simulation 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -26,6 +26,8 @@ from gameopt_sumo.observation import EXIT_RANGE_M, STEP_S, Observation, Pose, Ve
 from gameopt_sumo.radar import Body, Radar
 from gameopt_sumo.readings import RADAR_BEYOND_EDGE_M, SUMO_FAULTS
 from gameopt_sumo.run_files import Hush, SimulationError, net_file_of, nominal_demand
+from gameopt_sumo.whereabouts import Whereabouts
+from gameopt_wire import motion
 
 __all__ = ["EXIT_RANGE_M", "STEP_S", "Observation", "Pose", "Simulation", "SimulationError"]
 
@@ -34,6 +36,8 @@ _SPEED_MODE_EXECUTE = 32
 _LANE_CHANGE_NEVER = 0
 _SPEED_MODE_SUMO = 31
 _LANE_CHANGE_SUMO = 1621
+GENTLE_DECEL_MPS2 = 2.0
+"""A vehicle is slowed down at this to what the zone's limit allows."""
 
 
 class Simulation:
@@ -68,9 +72,9 @@ class Simulation:
         self.map = without_turn_speeds(full_map) if ignore_turn_speed else full_map
         self.flow_veh_h, self.ratio = nominal_demand(config, extra_args)
         self._radar = Radar(self.map)
+        self._setback_m = max([0.0, *(back for movement in self.map.movements for back in movement.setback_m)])
         self._control = control
-        self._vehicles: dict[str, Vehicle] = {}
-        self._present: list[tuple[str, str]] = []
+        self._about = Whereabouts(self._layout)
         self._open = False
         self._hush = Hush()
         try:
@@ -79,6 +83,8 @@ class Simulation:
             self._hush.close()
             raise
         self._open = True
+        if control:
+            readings.take_over(self.map.intersection, self._layout.gates_mps)
         self.time_s: float = float(libsumo.simulation.getTime())
         self._meter: Meter | None = None
         if measure:
@@ -115,13 +121,16 @@ class Simulation:
             reason = self._hush.reason(str(error))
             raise SimulationError(f"SUMO stopped after {self.time_s:.1f} s: {reason}") from None
         self.time_s = float(libsumo.simulation.getTime())
-        bodies = self._bodies()
-        self._forget_absent({body.vehicle for body in bodies})
-        leaders = self._radar.leaders(bodies)
+        bodies = {body.vehicle: body for body in self._about.look()}
+        self._forget_absent(set(bodies))
+        self._slow_down()
+        leaders = self._radar.leaders(bodies.values())
         observations = []
-        for body in bodies:
+        for body in bodies.values():
             if self._in_range(body):
-                observations.append(self._observe(body, leaders.get(body.vehicle)))
+                observations.append(self._observe(body, leaders.get(body.vehicle), bodies))
+            elif body.wants:
+                self._hold_back(body)
             else:
                 self.release(body.vehicle)
         if self._meter is not None:
@@ -139,12 +148,12 @@ class Simulation:
 
     def controls(self, vehicle: str) -> bool:
         """Whether `set_speed` rules this vehicle now."""
-        known = self._vehicles.get(vehicle)
+        known = self._about.vehicles.get(vehicle)
         return known is not None and known.controlled
 
     def release(self, vehicle: str) -> None:
         """Hand a vehicle back to SUMO's car-following for good; nothing happens if it is not controlled."""
-        known = self._vehicles.get(vehicle)
+        known = self._about.vehicles.get(vehicle)
         if known is not None and known.controlled:
             known.controlled, known.released = False, True
             libsumo.vehicle.setSpeed(vehicle, -1.0)
@@ -153,7 +162,7 @@ class Simulation:
 
     def poses(self) -> list[Pose]:
         """Every vehicle on the junction and on its approach and exit edges, controlled or not."""
-        return [readings.pose(vehicle, lane) for vehicle, lane in self._present]
+        return [readings.pose(vehicle, lane) for vehicle, lane in self._about.present]
 
     def measurements(self, warmup_s: float = 0.0) -> Measurements:
         """The figures of the run so far, without its first `warmup_s` (safety counts from the first step).
@@ -175,60 +184,11 @@ class Simulation:
 
     def _measure(self, meter: Meter, observations: Sequence[Observation]) -> None:
         meter.arrivals(self.time_s, readings.departed(), readings.pending(self.time_s, meter.knows))
-        for vehicle, lane in self._present:
-            if self._layout.places[lane].kind == "approach" and not meter.knows(vehicle):
+        for vehicle, lane in self._about.present:
+            if self._layout.places[lane].kind in ("approach", "upstream") and not meter.knows(vehicle):
                 meter.passing(readings.on_its_way(vehicle, self.time_s), self.time_s)
         meter.step(self.time_s, observations, self.poses())
         meter.faults(readings.collisions(), readings.teleports())
-
-    def _bodies(self) -> list[Body]:
-        """All vehicles on the junction's lanes, but for those upstream of the control zone."""
-        self._present = []
-        bodies = []
-        for lane, place in self._layout.places.items():
-            for vehicle in libsumo.lane.getLastStepVehicleIDs(lane):
-                self._present.append((vehicle, lane))
-                position_m = float(libsumo.vehicle.getLanePosition(vehicle))
-                if place.kind == "approach" and position_m < place.observed_from_m:
-                    continue
-                known = self._known(vehicle, lane)
-                if place.kind == "exit":
-                    bodies.append(self._exit_body(known, lane, position_m))
-                else:
-                    past_line_m = place.offset_m + position_m
-                    bodies.append(Body(vehicle, known.movement, place.lane, past_line_m, known.length_m))
-        return bodies
-
-    def _exit_body(self, known: Vehicle, lane: str, position_m: float) -> Body:
-        movement = None if known.movement is None else self.map.movements[known.movement]
-        past_line_m = position_m if movement is None else movement.length_m + position_m
-        from_lane = None if movement is None else movement.lane
-        return Body(known.id, known.movement, from_lane, past_line_m, known.length_m, lane, position_m)
-
-    def _known(self, vehicle: str, lane: str) -> Vehicle:
-        """The record of a vehicle, with its movement as its lane and route have it now."""
-        known = self._vehicles.get(vehicle)
-        if known is None:
-            known = self._vehicles[vehicle] = readings.read_vehicle(vehicle)
-        if known.lane != lane:
-            known.lane = lane
-            place = self._layout.places[lane]
-            if place.kind == "approach":
-                known.movement = self._movement_ahead(vehicle, lane)
-            elif place.kind == "internal":
-                known.movement = place.movement
-        return known
-
-    def _movement_ahead(self, vehicle: str, lane: str) -> int | None:
-        """The movement that this lane offers towards the vehicle's next edge; None on a wrong lane."""
-        route, index = libsumo.vehicle.getRoute(vehicle), libsumo.vehicle.getRouteIndex(vehicle)
-        onward = route[index + 1] if index + 1 < len(route) else None
-        choices = [choice for choice in self._layout.choices.get(lane, ()) if choice.exit_edge == onward]
-        if len(choices) > 1:
-            links = libsumo.vehicle.getNextLinks(vehicle)
-            via = links[0][4] if links else None
-            choices = [choice for choice in choices if choice.via == via] or choices
-        return choices[0].movement if choices else None
 
     def _in_range(self, body: Body) -> bool:
         """Observed: on a movement, and not too far past the conflict zone."""
@@ -236,18 +196,41 @@ class Simulation:
             return False
         return body.past_line_m <= self.map.movements[body.movement].length_m + EXIT_RANGE_M
 
+    def _slow_down(self) -> None:
+        """Whoever comes faster than the zone allows, by its own nature or from a faster road, brakes before it."""
+        for vehicle, room_m, limit_mps in self._about.nearing if self._control else ():
+            speed_mps = float(libsumo.vehicle.getSpeed(vehicle))
+            if speed_mps > limit_mps:
+                cap_mps = motion.brake_speed(room_m, speed_mps, GENTLE_DECEL_MPS2, STEP_S, limit_mps)
+                libsumo.vehicle.setSpeed(vehicle, max(limit_mps, cap_mps))
+
+    def _hold_back(self, body: Body) -> None:
+        """A vehicle on a wrong lane is SUMO's, to change lanes; it may never come too near to stop before the line.
+
+        Once it is on a right one it is taken over, and could not be if it could not stop.
+        """
+        known = self._about.vehicles[body.vehicle]
+        if self._control:
+            if known.controlled:
+                self.release(body.vehicle)
+                known.released = False
+            room_m = -body.past_line_m - self._setback_m
+            speed_mps = float(libsumo.vehicle.getSpeed(body.vehicle))
+            limit_mps = motion.stop_speed(room_m, speed_mps, known.max_decel_mps2, STEP_S)
+            libsumo.vehicle.setSpeed(body.vehicle, max(0.0, limit_mps))
+
     def _forget_absent(self, present: set[str]) -> None:
         """Vehicles that have left the junction's lanes go back to SUMO, if they are still driving."""
-        absent = [vehicle for vehicle in self._vehicles if vehicle not in present]
+        absent = [vehicle for vehicle in self._about.vehicles if vehicle not in present]
         if absent:
             driving = set(libsumo.vehicle.getIDList())
             for vehicle in absent:
                 if vehicle in driving:
                     self.release(vehicle)
-                del self._vehicles[vehicle]
+                del self._about.vehicles[vehicle]
 
-    def _observe(self, body: Body, leader: tuple[str, float] | None) -> Observation:
-        known = self._vehicles[body.vehicle]
+    def _observe(self, body: Body, leader: tuple[str, float] | None, bodies: Mapping[str, Body]) -> Observation:
+        known = self._about.vehicles[body.vehicle]
         self._take(known, body)
         assert body.movement is not None
         movement = self.map.movements[body.movement]
@@ -264,13 +247,13 @@ class Simulation:
             length_m=known.length_m,
             width_m=known.width_m,
             vehicle_class=known.vehicle_class,
-            max_speed_mps=known.max_speed_mps,
+            max_speed_mps=min(known.max_speed_mps, self._layout.places[known.lane].limit_mps or known.max_speed_mps),
             max_accel_mps2=known.max_accel_mps2,
             max_decel_mps2=known.max_decel_mps2,
             leader_gap_m=leader[1] if leader else None,
             leader_speed_mps=float(libsumo.vehicle.getSpeed(ahead)) if ahead else None,
             leader_decel_mps2=float(libsumo.vehicle.getDecel(ahead)) if ahead else None,
-            leader_strange=ahead is not None and not self.controls(ahead),
+            leader_strange=ahead is not None and (not self.controls(ahead) or _elsewhere(body, bodies.get(ahead))),
             controlled=known.controlled,
         )
 
@@ -280,3 +263,8 @@ class Simulation:
             known.controlled = True
             libsumo.vehicle.setSpeedMode(known.id, _SPEED_MODE_EXECUTE)
             libsumo.vehicle.setLaneChangeMode(known.id, _LANE_CHANGE_NEVER)
+
+
+def _elsewhere(body: Body, ahead: Body | None) -> bool:
+    """Whether the vehicle ahead, not yet on the exit, is bound for another lane: its way is shared for a while only."""
+    return ahead is not None and body.on_exit is None and ahead.on_exit is None and ahead.lane != body.lane

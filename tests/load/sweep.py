@@ -59,33 +59,35 @@ class Run:
         self.folder.mkdir(parents=True, exist_ok=True)
         scenario = ["scenario", "four-arm", "--flow", str(self.flow), "--seed", str(self.seed)]
         _check([BIN / "gameopt-sumo", *scenario, "--duration", str(self.duration), "--out", str(self.folder)])
-        endpoint = f"tcp/127.0.0.1:{_free_port()}"
-        options = ["--clock", self.clock, "--profile", self.profile, "--geometry", self.geometry]
-        serve = [BIN / "gameopt-im", "serve", *options, "--listen", endpoint, "--workers", str(self.workers)]
-        with (self.folder / "manager.log").open("w+") as log:
-            manager = subprocess.Popen(serve, stderr=subprocess.PIPE, stdout=log, text=True)
-            try:
-                assert manager.stderr is not None
-                for line in manager.stderr:
-                    log.write(line)
-                    if "serving" in line:
-                        break
-                with ThreadPoolExecutor(1) as drain:
-                    drain.submit(lambda: log.writelines(manager.stderr or ()))
-                    subprocess.run(
-                        [
-                            BIN / "gameopt-vehicles", "--sumo", self.folder / "four-arm.sumocfg",
-                            "--connect", endpoint, "--clock", self.clock, "--duration", str(self.duration),
-                            "--warmup", str(self.warmup), "--seed", str(self.seed), "--report", path,
-                        ],
-                        stdout=(self.folder / "vehicles.log").open("w"),
-                        stderr=subprocess.STDOUT,
-                        check=False,
-                    )  # fmt: skip
-                    manager.terminate()
-            finally:
+        common = ["--clock", self.clock]
+        serve = [*common, "--profile", self.profile, "--geometry", self.geometry, "--workers", str(self.workers)]
+        drive = [
+            *common, "--sumo", self.folder / "four-arm.sumocfg", "--duration", str(self.duration),
+            "--warmup", str(self.warmup), "--seed", str(self.seed), "--report", path,
+        ]  # fmt: skip
+        two_processes(serve, drive, self.folder)
+
+
+def two_processes(serve: list[Any], drive: list[Any], folder: Path) -> None:
+    """Manager and vehicles with these options, each in a process of its own, their logs in `folder`."""
+    endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    with (folder / "manager.log").open("w+") as log, (folder / "vehicles.log").open("w") as said:
+        command = [BIN / "gameopt-im", "serve", "--listen", endpoint, *serve]
+        manager = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=log, text=True)
+        try:
+            assert manager.stderr is not None
+            for line in manager.stderr:
+                log.write(line)
+                if "serving" in line:
+                    break
+            with ThreadPoolExecutor(1) as drain:
+                drain.submit(lambda: log.writelines(manager.stderr or ()))
+                command = [BIN / "gameopt-vehicles", "--connect", endpoint, *drive]
+                subprocess.run(command, stdout=said, stderr=subprocess.STDOUT, check=False)
                 manager.terminate()
-                manager.wait()
+        finally:
+            manager.terminate()
+            manager.wait()
 
 
 def _check(command: list[Any]) -> None:

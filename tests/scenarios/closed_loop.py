@@ -142,6 +142,7 @@ async def drive(
     duration_s: float,
     *,
     seed: int = 1,
+    junction: str | None = None,
     broken: str = "",
     qp_share: bool = False,
     profile: Any = "default",
@@ -164,7 +165,7 @@ async def drive(
     share = QpShare()
     if qp_share:
         share.install()
-    with Simulation(Path(sumocfg), seed=seed) as road:
+    with Simulation(Path(sumocfg), junction, seed) as road:
         known = msgspec.structs.replace(road.map, areas=[]) if broken == "conflict area" else road.map
         options = ServeOptions(
             map=known, parameters=parameters, clock="lockstep", workers=0, profile=profile, geometry=geometry

@@ -16,6 +16,10 @@ REAR_GAP_M = 2.0
 """Standing distance between bumpers, the paper's M_sr."""
 TURN_DECEL_MPS2 = 3.0
 """A vehicle slows for a turn at this or its own deceleration, whichever is less."""
+OPENING_DECEL_MPS2 = 1.5
+OPENING_FLOOR = 0.75
+"""Opening its headway on the exit lane a vehicle on its own brakes no harder, and nobody gets slower by it than this
+share of the limit: a platoon must not stop itself, car by car, back into the conflict zone."""
 UNABLE = -1.0
 """What a rule answers where no speed satisfies it."""
 

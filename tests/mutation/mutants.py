@@ -140,6 +140,27 @@ MUTANTS = (
         f"{UNIT}/test_silence.py::test_a_worst_case_is_brought_up_to_date_only_from_fresh_states",
     ),
     Mutant(
+        "those who come after held up",
+        f"{CORE}/followers.py",
+        "if not _keeps_behind(held.late_x, held.late_v, held.b, first, clear, *leader):",
+        "if False:",
+        f"{UNIT}/test_followers.py::test_a_new_clearance_may_not_slow_down_who_comes_after_on_the_exit",
+    ),
+    Mutant(
+        "silent vehicles overtake",
+        f"{CORE}/interlock.py",
+        "leader = lane_leaders(snapshot.lane, x, worst_x)",
+        "leader = lane_leaders(snapshot.lane, x, x)",
+        f"{UNIT}/test_silence.py::test_who_is_silent_is_not_taken_to_have_overtaken",
+    ),
+    Mutant(
+        "a platoon on the exit stops itself",
+        "vehicle_agents/gameopt_vehicles/driving.py",
+        "slowest = max(seen.speed_mps - motion.OPENING_DECEL_MPS2 * STEP_S, motion.OPENING_FLOOR * exit_speed_mps)",
+        "slowest = seen.speed_mps - motion.OPENING_DECEL_MPS2 * STEP_S",
+        f"{UNIT}/test_vehicles_agent.py::test_on_the_exit_lane_the_radar_overrules_the_manager_and_gaps_open_gently",
+    ),
+    Mutant(
         "a silent vehicle predicted past its setback",
         "service/gameopt_im/tracked.py",
         "vehicle.setback_m + STOP_OFFSET_M",

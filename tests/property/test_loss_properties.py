@@ -88,6 +88,8 @@ links = st.builds(
     Link,
     up_lost=shares,
     down_lost=shares,
+    delay_s=st.sampled_from([0.0, 0.1, 0.3]),
+    jitter_s=st.sampled_from([0.0, 0.1, 0.3]),
     outages=st.lists(outages, max_size=3).map(tuple),
     until_s=st.just(LOSSY_S),
 )

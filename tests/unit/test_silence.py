@@ -75,7 +75,7 @@ def test_a_cleared_vehicle_is_in_its_worst_case_at_worst() -> None:
 
 
 def test_an_exiting_vehicle_has_opened_its_headway_at_worst() -> None:
-    slowest = interlock.OPENING_FLOOR * float(GROUND.exit_mps[ACROSS])
+    slowest = motion.OPENING_FLOOR * float(GROUND.exit_mps[ACROSS])
     cars = silent(4.0, s=[-100.0], heard_s=[-CLEAR_X], heard_v=[slowest + 3.0])
     decel = PARAMETERS.exit.decel_mps2
     braking = 3.0 / decel
@@ -125,3 +125,16 @@ def test_a_worst_case_is_brought_up_to_date_only_from_fresh_states() -> None:
         before = book.held["a"].late_x
         decision.picture(cars, GROUND, book, PARAMETERS)
         assert (book.held["a"].late_x is before) is kept
+
+
+def test_who_is_silent_is_not_taken_to_have_overtaken() -> None:
+    cars = snapshot(s=[30.0, 20.0], v=[2.0, 10.0], age=[0.0, 3.0], heard_s=[30.0, 50.0])
+    assert limits_of(cars, Book()).leader[0] == -1
+    bound = snapshot(s=[-30.0, -40.0], v=[2.0, 10.0], age=[0.0, 7.0], heard_s=[-30.0, 30.0])
+    assert limits_of(bound, Book()).downstream[0] == -1
+
+
+def test_a_silent_leader_may_be_further_on_than_the_vehicle_seen() -> None:
+    """By its profile it is at 0 m; who is seen at 15 m may be somebody that was never heard."""
+    cars = snapshot(s=[5.0, 40.0], v=[5.0, 10.0], age=[0.5, 0.0], heard_s=[7.5, 40.0], cycle=30, gap=[np.inf, 20.0])
+    assert limits_of(cars, holding(cars, accepted=True)).unheard.tolist() == [False, True]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from vehicles_builders import Drive, Seen, offer
+from vehicles_builders import MOVEMENT, Drive, Seen, offer
 
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S, Bid, Stranger
@@ -90,12 +90,15 @@ def test_the_radar_keeps_it_behind_its_leader() -> None:
 
 
 def test_on_the_exit_lane_the_radar_overrules_the_manager_and_gaps_open_gently() -> None:
-    close = {"leader_gap_m": 6.0, "leader_speed_mps": 10.0, "leader_decel_mps2": 4.5}
-    drive = Drive(Seen(distance_m=-40.0, speed_mps=10.0, **close))
-    assert drive.step().speed_mps == pytest.approx(10.0 - 0.15)  # alone: towards 1.3 s, at 1.5 m/s^2
+    close = {"leader_gap_m": 6.0, "leader_speed_mps": 14.0, "leader_decel_mps2": 4.5}
+    drive = Drive(Seen(distance_m=-40.0, speed_mps=14.0, **close))
+    assert drive.step().speed_mps == pytest.approx(14.0 - 0.15)  # alone: towards 1.3 s, at 1.5 m/s^2
     drive.seen.leader_speed_mps = 0.0
-    drive.command(speed_mps=12.0)
-    assert drive.step().speed_mps == pytest.approx(10.0 - 0.15 - 0.45)
+    drive.command(speed_mps=14.0)
+    assert drive.step().speed_mps == pytest.approx(14.0 - 0.15 - 0.45)
+    drive.seen.speed_mps = slowest = 0.75 * MOVEMENT.exit_speed_mps
+    drive.seen.leader_speed_mps, drive.k = slowest, drive.k + 9
+    assert drive.step().speed_mps == slowest  # a platoon must not stop itself
 
 
 def test_tracking_noise_is_seeded() -> None:

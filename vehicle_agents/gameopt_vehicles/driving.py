@@ -9,7 +9,7 @@ from gameopt_wire.intersection import Lane, Movement
 from gameopt_wire.messages import STEP_S
 
 GENTLE_ACCEL_MPS2 = 1.5
-"""A vehicle on its own accelerates, and opens its gap, no harder than this."""
+"""A vehicle on its own accelerates no harder than this."""
 EXIT_HEADWAY_S = 1.3
 """Headway at which the simulator's own car-following can take over safely."""
 
@@ -81,11 +81,12 @@ def safe_limit(seen: Observation, *, setback_m: float, may_cross: bool) -> float
     return limit
 
 
-def open_gap_limit(seen: Observation) -> float:
+def open_gap_limit(seen: Observation, exit_speed_mps: float) -> float:
     """On the exit lane: fall back to `EXIT_HEADWAY_S` behind the leader, gently."""
     if seen.leader_gap_m is None or seen.leader_gap_m >= EXIT_HEADWAY_S * seen.speed_mps:
         return float("inf")
-    return max(seen.leader_gap_m / EXIT_HEADWAY_S, seen.speed_mps - GENTLE_ACCEL_MPS2 * STEP_S)
+    slowest = max(seen.speed_mps - motion.OPENING_DECEL_MPS2 * STEP_S, motion.OPENING_FLOOR * exit_speed_mps)
+    return max(seen.leader_gap_m / EXIT_HEADWAY_S, slowest)
 
 
 def own_limit(
@@ -99,7 +100,7 @@ def own_limit(
     s = seen.distance_m
     limit = safe_limit(seen, setback_m=setback_m, may_cross=may_cross)
     if s <= -movement.length_m:
-        return min(limit, movement.exit_speed_mps, open_gap_limit(seen))
+        return min(limit, movement.exit_speed_mps, open_gap_limit(seen, movement.exit_speed_mps))
     limit = min(limit, lane.speed_limit_mps)
     if turn_speed and movement.turn_speed_mps is not None:
         v, b = seen.speed_mps, seen.max_decel_mps2

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gameopt_im.core.conflicts import Ground
-from gameopt_im.core.interlock import EXITING, INTRUDING, OPENING_FLOOR, UNCLEARED, Limits
+from gameopt_im.core.followers import holds_up
+from gameopt_im.core.interlock import EXITING, INTRUDING, UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.profiles import HORIZON, clear_time, drive, held_back, resting
@@ -67,7 +68,7 @@ def grant(
             continue
         leaders = leaders_of(snapshot, ground, book, limits, exits, i)
         made = crossing(snapshot, ground, stack, leaders, i, float(slots[i]), parameters)
-        if made is None:
+        if made is None or holds_up(book, ground, made, snapshot.cycle):
             refused += 1
             continue
         reservation = replace(made, clearance=next_clearance + len(given))
@@ -268,8 +269,8 @@ def _ways(
 def _ahead(ground: Ground, movement: int, parameters: Parameters) -> tuple[float, float, float]:
     """(deceleration, lowest speed) of the exit law and the end of sight on a movement's exit lane."""
     sight = min(float(ground.exit_length[movement]), parameters.exit.sight_m)
-    floor = OPENING_FLOOR * float(ground.exit_mps[movement])
-    return parameters.exit.decel_mps2, floor, float(ground.length[movement]) + sight
+    floor = motion.OPENING_FLOOR * float(ground.exit_mps[movement])
+    return max(parameters.exit.decel_mps2, motion.OPENING_DECEL_MPS2), floor, float(ground.length[movement]) + sight
 
 
 def refresh(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, parameters: Parameters) -> tuple[str, ...]:

@@ -69,31 +69,35 @@ def phases(snapshot: Snapshot, ground: Ground, book: Book) -> Ints:
 
 
 @kernel
-def lane_leaders(lane: Ints, s: Floats) -> Ints:
-    """The next vehicle ahead of each on its own approach lane, across the line and beyond; -1 for none."""
-    n = s.shape[0]
+def lane_leaders(lane: Ints, x: Floats, worst_x: Floats) -> Ints:
+    """The next vehicle ahead of each on its own approach lane, across the line and beyond; -1 for none.
+
+    Ahead is who is so even where it may be at worst: who is silent must not be taken to have overtaken.
+    """
+    n = x.shape[0]
     leader = np.full(n, -1, np.int64)
     for i in range(n):
         for j in range(n):
-            ahead = s[j] < s[i] or (s[j] == s[i] and j < i)
-            if j != i and lane[j] == lane[i] and ahead and (leader[i] < 0 or s[j] > s[leader[i]]):
+            ahead = worst_x[j] > x[i] or (worst_x[j] == x[i] and j < i)
+            if j != i and lane[j] == lane[i] and ahead and (leader[i] < 0 or worst_x[j] < worst_x[leader[i]]):
                 leader[i] = j
     return leader
 
 
 @kernel
-def exit_leaders(exit_lane: Ints, along: Floats) -> Ints:
+def exit_leaders(exit_lane: Ints, along: Floats, worst: Floats) -> Ints:
     """The next vehicle ahead of each on its exit lane, from whatever lane it came; -1 for none.
 
-    `along` is the front's distance past the start of the exit lane; only leaders on it (along >= 0) count.
+    `along` is the front's distance past the start of the exit lane, `worst` the same at worst; only leaders surely
+    on it (worst >= 0) count.
     """
     n = along.shape[0]
     leader = np.full(n, -1, np.int64)
     for i in range(n):
         for j in range(n):
-            if j == i or exit_lane[j] != exit_lane[i] or along[j] < 0.0 or along[j] <= along[i]:
+            if j == i or exit_lane[j] != exit_lane[i] or worst[j] < 0.0 or worst[j] <= along[i]:
                 continue
-            if leader[i] < 0 or along[j] < along[leader[i]]:
+            if leader[i] < 0 or worst[j] < worst[leader[i]]:
                 leader[i] = j
     return leader
 
@@ -131,24 +135,33 @@ def at_worst(snapshot: Snapshot, ground: Ground, book: Book, phase: Ints, limits
             k = reservation.step(snapshot.cycle)
             x[i], v[i] = max(heard_x, float(reservation.late_x[k])), float(reservation.late_v[k])
         elif phase[i] == EXITING:
-            slowest = min(heard_v, OPENING_FLOOR * float(ground.exit_mps[snapshot.movement[i]]))
-            x[i], v[i] = _slowed(heard_x, heard_v, limits.decel_mps2, slowest, age)
+            slowest = min(heard_v, motion.OPENING_FLOOR * float(ground.exit_mps[snapshot.movement[i]]))
+            x[i], v[i] = _slowed(heard_x, heard_v, max(limits.decel_mps2, motion.OPENING_DECEL_MPS2), slowest, age)
         else:
             x[i], v[i] = _slowed(heard_x, heard_v, float(snapshot.b_max[i]), 0.0, age)
     return x, v
 
 
-def unheard(snapshot: Snapshot, ground: Ground, leader: Ints, downstream: Ints, worst_x: Floats) -> Bools:
-    """Whose radar sees a vehicle on the approach before the one that the manager takes for its leader.
+def at_best(snapshot: Snapshot, book: Book, phase: Ints) -> Floats:
+    """x of each vehicle, as far ahead as it may be by what was heard: on its profile, if it has a clearance."""
+    x = -snapshot.s
+    for i in np.flatnonzero((snapshot.age > 0.0) & (phase == CLEARED)):
+        reservation = book.held[snapshot.ids[i]]
+        x[i] = max(x[i], float(reservation.x[reservation.step(snapshot.cycle)]))
+    return x
 
-    Its states may all be lost, so it has no clearance, and whoever is behind it cannot cross. In between would be at
-    the least a standing gap; a leader may also have moved on since the follower spoke.
+
+def unheard(snapshot: Snapshot, ground: Ground, leader: Ints, downstream: Ints, best_x: Floats) -> Bools:
+    """Whose radar sees a vehicle on the approach that may not be the one that the manager takes for its leader.
+
+    The states of that one may all be lost, so it has no clearance, and whoever is behind it cannot cross. In between
+    would be at the least a standing gap; a leader may also have moved on since the follower spoke.
     """
     line: Floats = np.zeros(len(snapshot))
     own = ground.length[snapshot.movement]
     known = line.copy()
     for ahead, shifted in ((leader, line), (downstream, own)):
-        rear = worst_x[ahead] - snapshot.length[ahead] - shifted[ahead] + shifted
+        rear = best_x[ahead] - snapshot.length[ahead] - shifted[ahead] + shifted
         moved = snapshot.v[ahead] * snapshot.age
         known = np.where(ahead >= 0, np.minimum(known, rear - moved), known)
     return np.asarray(snapshot.gap - snapshot.heard_s + motion.REAR_GAP_M < known)
@@ -169,15 +182,13 @@ def exit_law(snapshot: Snapshot, leader: Ints, along: Floats, limits: Exit, exit
         gap = along[j] - snapshot.length[j] - along[i] - motion.REAR_GAP_M
         wanted = limits.headway_s * snapshot.v[i]
         opening = snapshot.v[j] + (gap - wanted) / OPENING_TIME_S
-        slowest = snapshot.v[i] - limits.decel_mps2 * STEP_S
-        speed[i] = max(opening, slowest, OPENING_FLOOR * exit_mps[i])
+        slowest = snapshot.v[i] + snapshot.a_max[i] * snapshot.age[i] - limits.decel_mps2 * STEP_S
+        speed[i] = max(opening, slowest, motion.OPENING_FLOOR * exit_mps[i])
     return speed
 
 
 OPENING_TIME_S = 8.0
 """A missing metre of headway is opened over this long, s."""
-OPENING_FLOOR = 0.75
-"""The exit law alone never slows below this share of the limit: a platoon must not stop itself, car by car."""
 
 
 def limits(snapshot: Snapshot, ground: Ground, book: Book, exit_parameters: Exit) -> Limits:
@@ -187,8 +198,8 @@ def limits(snapshot: Snapshot, ground: Ground, book: Book, exit_parameters: Exit
     x, v, b = -snapshot.s, snapshot.v, snapshot.b_max
     movement = snapshot.movement
     along = x - ground.length[movement]
-    leader = lane_leaders(snapshot.lane, snapshot.s)
-    downstream = exit_leaders(ground.exit_lane[movement], along)
+    leader = lane_leaders(snapshot.lane, x, worst_x)
+    downstream = exit_leaders(ground.exit_lane[movement], along, worst_x - ground.length[movement])
     nothing = np.zeros(len(snapshot))
     follow = follow_limit(x, v, snapshot.length, b, worst_x, worst_v, leader, nothing)
     near = np.where(along >= -30.0, downstream, -1)
@@ -201,7 +212,7 @@ def limits(snapshot: Snapshot, ground: Ground, book: Book, exit_parameters: Exit
         phase=phase,
         leader=leader,
         downstream=downstream,
-        unheard=unheard(snapshot, ground, leader, downstream, worst_x),
+        unheard=unheard(snapshot, ground, leader, downstream, at_best(snapshot, book, phase)),
         stop=_stop_limits(snapshot, ground, phase),
         follow=follow,
         turn=_turn_limits(snapshot, ground, exiting),

@@ -106,6 +106,26 @@ def test_a_follower_reserves_for_its_leaders_worst_case() -> None:
     assert (book.held["b"].late_x <= room + STOP_PLAY_M).all()
 
 
+def test_an_unbroken_platoon_does_not_stop_for_the_end_of_profiles() -> None:
+    """Each profile ends before its follower's: nobody takes that end for a vehicle that stands."""
+    book, last = Book(), ""
+    for n in range(12):
+        cycle, name = 12 * n, f"car {n}"
+        ahead = book.held.get(last)
+        x, v = (0.0, 0.0) if ahead is None else (ahead.x[12], ahead.v[12])
+        ids, s = ((name,), [60.0]) if ahead is None else ((last, name), [-x, 60.0])
+        speeds = [15.0] if ahead is None else [v, 15.0]
+        accepted = [-1] if ahead is None else [ahead.clearance, -1]
+        cars = snapshot(s=s, v=speeds, ids=ids, accepted=accepted, cycle=cycle, time_s=cycle * STEP_S)
+        made = granted(cars, book, [3.5] * len(ids), first=n + 1).given
+        assert [each.vehicle for each in made] == [name]
+        assert made[0].v[-1] > 15.0
+        book.accept(name)
+        if ahead is not None:
+            book.free(last)
+        last = name
+
+
 def test_a_silent_vehicle_is_not_cleared() -> None:
     assert granted(snapshot(s=[40.0], silent=[True]), Book(), [4.0]).given == ()
 

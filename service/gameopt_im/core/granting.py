@@ -169,8 +169,8 @@ def _leader_rows(
     reservation = book.held.get(snapshot.ids[j])
     if reservation is not None:
         k = reservation.step(snapshot.cycle)
-        rows = [_from(a, k) for a in (reservation.x, reservation.v, reservation.late_x, reservation.late_v)]
-        x, v, late_x, late_v = rows
+        x, v = _onward(reservation.x, reservation.v, k), _from(reservation.v, k)
+        late_x, late_v = _from(reservation.late_x, k), _from(reservation.late_v, k)
     elif j in exits:
         way = exits[j]
         x, v, late_x, late_v = way.x, way.v, way.late_x, way.late_v
@@ -188,6 +188,16 @@ def _leader_rows(
 def _from(array: Floats, k: int) -> Floats:
     """The array from index k on, its last value repeated to full length."""
     return np.concatenate((array[k:], np.full(k, array[-1])))
+
+
+def _onward(x: Floats, v: Floats, k: int) -> Floats:
+    """Positions from index k on; past its end a profile goes on at its last speed.
+
+    If it stood still there its follower's would stop behind it, that one's follower's a little sooner, and so on
+    through an unbroken platoon, until a vehicle stops in the conflict zone for nothing. Worst cases may stand still:
+    they are brought up to date every control cycle.
+    """
+    return np.concatenate((x[k:], x[-1] + v[-1] * STEP_S * np.arange(1, k + 1)))
 
 
 def crossing(

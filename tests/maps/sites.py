@@ -15,8 +15,8 @@ from gameopt_sumo.junction import choose, links_over, read_net
 
 SHIPPED = {
     "cross": ("game/cross/cross.net.xml", "0"),
-    "corridor": ("game/corridor/corridor.net.xml", "gneJ11"),
     "rilsa-1": ("sumolib/scenario/scenarios/RealWorld/RiLSA_example1/net.net.xml", "0"),
+    "rilsa-3": ("sumolib/scenario/scenarios/RealWorld/RiLSA_example3/net.net.xml", "0"),
     "square": ("game/square/square.net.xml", "A0"),
 }
 """Nets of the SUMO package, below its tools folder, and the junction."""

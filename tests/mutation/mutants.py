@@ -147,10 +147,31 @@ MUTANTS = (
         f"{UNIT}/test_followers.py::test_a_new_clearance_may_not_slow_down_who_comes_after_on_the_exit",
     ),
     Mutant(
+        "who has turned off still leads",
+        f"{CORE}/interlock.py",
+        "parted = worst_x[j] - length[j] >= apart[movement[i], movement[j]]",
+        "parted = False",
+        f"{UNIT}/test_diverging.py::test_who_has_turned_off_leads_no_more",
+    ),
+    Mutant(
+        "one who turns off hides whom he follows",
+        f"{CORE}/interlock.py",
+        "r = rank[movement[j]]",
+        "r = 0",
+        f"{UNIT}/test_diverging.py::test_one_who_is_about_to_turn_off_hides_nobody",
+    ),
+    Mutant(
+        "strangers are trusted to go on",
+        f"{CORE}/strangers.py",
+        "late_x, late_v = resting(rear - motion.REAR_GAP_M, speed, b, brake=True)",
+        "late_x, late_v = resting(rear - motion.REAR_GAP_M, speed, b, brake=False)",
+        f"{UNIT}/test_granting.py::test_nobody_is_cleared_into_a_queue_of_strangers",
+    ),
+    Mutant(
         "silent vehicles overtake",
         f"{CORE}/interlock.py",
-        "leader = lane_leaders(snapshot.lane, x, worst_x)",
-        "leader = lane_leaders(snapshot.lane, x, x)",
+        "lane_leaders(snapshot.lane, movement, x, worst_x, snapshot.length, ground.apart, ground.rank)",
+        "lane_leaders(snapshot.lane, movement, x, x, snapshot.length, ground.apart, ground.rank)",
         f"{UNIT}/test_silence.py::test_who_is_silent_is_not_taken_to_have_overtaken",
     ),
     Mutant(

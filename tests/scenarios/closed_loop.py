@@ -137,6 +137,25 @@ def break_rear_end_rule() -> None:
     driving.radar_limit = lambda _: float("inf")
 
 
+def watch_standing(road: Any) -> set[str]:
+    """The vehicles that will have stood with their front past the line and their rear not yet clear."""
+    step = road.step
+    clear_m = {movement.id: movement.clear_m for movement in road.map.movements}
+    standing: set[str] = set()
+
+    def watched() -> Any:
+        observations = step()
+        standing.update(
+            seen.vehicle
+            for seen in observations
+            if seen.speed_mps < 0.1 and 0.0 < -seen.distance_m < clear_m[seen.movement] + seen.length_m
+        )
+        return observations
+
+    road.step = watched
+    return standing
+
+
 async def drive(
     sumocfg: str,
     duration_s: float,
@@ -166,6 +185,7 @@ async def drive(
     if qp_share:
         share.install()
     with Simulation(Path(sumocfg), junction, seed) as road:
+        standing = watch_standing(road)
         known = msgspec.structs.replace(road.map, areas=[]) if broken == "conflict area" else road.map
         options = ServeOptions(
             map=known, parameters=parameters, clock="lockstep", workers=0, profile=profile, geometry=geometry
@@ -180,6 +200,7 @@ async def drive(
         "safety": measured["safety"],
         "vehicles": measured["vehicles"],
         "overlapping": overlapping,
+        "standing": sorted(standing),
         "solved": bus.last_report.qp_solved_total,
         "rejected": bus.last_report.rejected_total,
         "fallbacks": fleet.tally.fallbacks,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import pytest
+import sumo
 from closed_loop import in_a_process
 from sites import site
 
@@ -14,7 +16,7 @@ pytestmark = pytest.mark.slow
 
 FLOWS_VEH_H = {
     "t-junction": 2400.0, "five-arm": 2400.0, "single-lane": 1600.0, "shared-lane": 3000.0, "fan": 2000.0,
-    "cross": 3000.0, "corridor": 1400.0, "square": 1400.0,
+    "cross": 3000.0, "rilsa-3": 2400.0, "square": 1400.0,
 }  # fmt: skip
 DURATION_S = 90.0
 Runs = dict[str, Future[dict[str, Any]]]
@@ -44,3 +46,36 @@ def test_nobody_collides_and_everybody_gets_across(runs: Runs, name: str) -> Non
     assert vehicles["crossed"] > 0.5 * vehicles["entered"]
     assert found["rejected"] == {}
     assert safety["hard_brakes"] <= 0.1 * vehicles["entered"]
+
+
+BLOCKED_S = 60.0
+BREAKDOWN = (
+    '<vehicle id="broken" type="truck" depart="0.00" departPos="{at_m}"><route edges="{exit_edge}"/>'
+    '<stop lane="{exit_edge}_0" endPos="{until_m}" duration="{duration_s}"/></vehicle>'
+)
+
+
+@pytest.mark.parametrize(("name", "exit_edge"), [("single-lane", "east_out"), ("cross", "2o")])
+def test_a_full_exit_stops_clearances_and_nobody_in_the_zone(tmp_path: Path, name: str, exit_edge: str) -> None:
+    """A truck breaks down on an exit and blocks it for a minute; then everybody bound for it gets across after all."""
+    place = site(name, tmp_path)
+    config = place.scenario(tmp_path, 1400.0, 3, DURATION_S)
+    demand = tmp_path / "demand.rou.xml"
+    truck = BREAKDOWN.format(exit_edge=exit_edge, at_m=35.0, until_m=50.0, duration_s=BLOCKED_S)
+    demand.write_text(demand.read_text().replace("<vehicle", truck + "<vehicle", 1))
+
+    found = in_a_process(sumocfg=str(config), junction=place.junction, duration_s=DURATION_S + 40.0)
+    safety = found["safety"]
+    assert safety["collisions_sumo"] == safety["collisions_geometric"] == 0
+    assert found["standing"] == []
+    assert found["vehicles"]["in_zone"] == 0
+    assert found["vehicles"]["crossed"] > 20
+
+
+@pytest.mark.parametrize(("name", "junction"), [("cross", "0"), ("grid6", "1/0")])
+def test_a_shipped_scenario_runs_as_it_is(name: str, junction: str) -> None:
+    """With its own vehicle types, routes and lights; at grid6 there is another junction 66 m after the exit."""
+    config = Path(sumo.SUMO_HOME, "tools", "game", f"{name}.sumocfg")
+    found = in_a_process(sumocfg=str(config), junction=junction, duration_s=100.0)
+    assert found["safety"]["collisions_sumo"] == found["safety"]["collisions_geometric"] == 0
+    assert found["vehicles"]["crossed"] > 10

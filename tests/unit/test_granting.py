@@ -181,7 +181,7 @@ def test_the_interlock_bounds_every_speed() -> None:
     stop, follow, turn, top, floor, planned = values
     floor = floor - 8.0
     none = np.full(200, -1)
-    made = interlock.bounded(planned, Limits(none, none, none, none < 0, stop, follow, turn, top, floor))
+    made = interlock.bounded(planned, Limits(none, none, none[:, None], none, none < 0, stop, follow, turn, top, floor))
     for limit in (planned, stop, follow, turn, top):
         assert (made <= np.maximum(limit, floor)).all()
         assert (made == limit).any()  # each is met: none can be left out
@@ -189,7 +189,9 @@ def test_the_interlock_bounds_every_speed() -> None:
     assert (made == floor).any()
 
 
-@pytest.mark.parametrize(("rear_m", "speed", "fits"), [(12.0, 0.0, False), (12.0, 20.0, True), (60.0, 0.0, True)])
+@pytest.mark.parametrize(
+    ("rear_m", "speed", "fits"), [(12.0, 0.0, False), (12.0, 8.0, False), (12.0, 20.0, True), (60.0, 0.0, True)]
+)
 def test_nobody_is_cleared_into_a_queue_of_strangers(rear_m: float, speed: float, fits: bool) -> None:
     """The area ends 9 m past the line: there has to be room beyond it even if the stranger brakes fully from now."""
     cars = snapshot(s=[40.0], stranger_x=[rear_m], stranger_v=[speed], stranger_b=[4.5])

@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from gameopt_im.core.diverging import apart, ranks
 from gameopt_im.core.snapshot import Bools, Floats, Ints
 from gameopt_wire.intersection import ConflictArea, IntersectionMap
 from gameopt_wire.messages import Geometry
@@ -60,6 +61,8 @@ class Ground:
     `clear` is where the rear stands clear of everything, `setback` (M, F) how far before the line
     an uncleared vehicle keeps off the ground. `turn_mps` is inf where no turning speed holds.
     `free` marks movements that conflict with nobody.
+    `apart` (M, M) is where the rear on the second of two movements out of one lane stands clear of the first (inf for
+    any other two), `rank` the how manieth of its lane a movement is.
     """
 
     conflict: Bools
@@ -76,6 +79,8 @@ class Ground:
     footprint_length: Floats
     footprint_width: Floats
     free: Bools
+    apart: Floats
+    rank: Ints
 
 
 def ground(intersection: IntersectionMap, geometry: Geometry, lateral_margin_m: float, turn_speed: bool) -> Ground:
@@ -124,6 +129,8 @@ def ground(intersection: IntersectionMap, geometry: Geometry, lateral_margin_m: 
         footprint_length=np.array([footprint.length_m for footprint in footprints]),
         footprint_width=np.array([footprint.width_m for footprint in footprints]),
         free=np.logical_not(conflict.any(axis=1)),
+        apart=apart(intersection),
+        rank=ranks(intersection),
     )
 
 

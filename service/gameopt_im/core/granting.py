@@ -144,13 +144,14 @@ def leaders_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, e
     bound = ground.exit_lane[snapshot.movement]
     merging = (snapshot.lane != snapshot.lane[i]) & (bound == bound[i]) & (limits.phase != UNCLEARED)
     found = [
-        _leader_rows(snapshot, book, exits, int(j), own - float(ground.length[snapshot.movement[j]]), own, False)
+        _leader_rows(snapshot, book, exits, int(j), own - float(ground.length[snapshot.movement[j]]), own, None)
         for j in np.flatnonzero(merging)
     ]
     if (ahead := stranger_rows(snapshot, i)) is not None:
         found.append(ahead)
-    if limits.leader[i] >= 0:
-        found.append(_leader_rows(snapshot, book, exits, int(limits.leader[i]), 0.0, own, True))
+    for j in limits.leaders[i][limits.leaders[i] >= 0]:
+        parted = float(ground.apart[snapshot.movement[i], snapshot.movement[j]])
+        found.append(_leader_rows(snapshot, book, exits, int(j), 0.0, own, parted))
     if not found:
         return NOBODY
     room, v, late_room, late_v, b = zip(*found, strict=True)
@@ -162,9 +163,12 @@ NOBODY = Leaders(_FAR, _FAR, _FAR, _FAR, np.ones(1))
 
 
 def _leader_rows(
-    snapshot: Snapshot, book: Book, exits: Ways, j: int, shift: float, merge_at: float, same_lane: bool
+    snapshot: Snapshot, book: Book, exits: Ways, j: int, shift: float, merge_at: float, parted_at: float | None
 ) -> Rows:
-    """(room, v, worst-case room, worst-case v, b) behind vehicle j; no room limit before it has merged."""
+    """(room, v, worst-case room, worst-case v, b) behind vehicle j.
+
+    No limit before it has merged, or, out of the same lane, once its rear is past where the two part.
+    """
     b = float(snapshot.b_max[j])
     reservation = book.held.get(snapshot.ids[j])
     if reservation is not None:
@@ -179,9 +183,12 @@ def _leader_rows(
         late_x, late_v = resting(-float(snapshot.s[j]), float(snapshot.v[j]), b, brake=True)
     back = float(snapshot.length[j]) + motion.REAR_GAP_M - shift
     room, late_room = x - back, late_x - back
-    if not same_lane:
+    if parted_at is None:
         room = np.where(x + shift >= merge_at, room, NEVER)
         late_room = np.where(late_x + shift >= merge_at, late_room, NEVER)
+    else:
+        rear = float(snapshot.length[j]) + parted_at
+        room, late_room = np.where(x >= rear, NEVER, room), np.where(late_x >= rear, NEVER, late_room)
     return room, v, late_room, late_v, b
 
 

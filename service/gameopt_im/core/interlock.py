@@ -30,12 +30,13 @@ class Limits:
 
     `stop` is rule 1, `follow` rule 2 (with the exit law for exiting vehicles), `turn` rule 3, `top` and `floor` what
     the vehicle can reach, or may have reached since it was last heard. `leader` is the index of the next vehicle
-    ahead on its lane, `downstream` that of the next on its exit lane, -1 for none. `unheard` marks who sees somebody
-    ahead that the manager does not know of.
+    ahead on its lane, `leaders` (n, R) those of the next on each movement of that lane, `downstream` that of the next
+    on its exit lane, -1 for none. `unheard` marks who sees somebody ahead that the manager does not know of.
     """
 
     phase: Ints
     leader: Ints
+    leaders: Ints
     downstream: Ints
     unheard: Bools
     stop: Floats
@@ -69,19 +70,35 @@ def phases(snapshot: Snapshot, ground: Ground, book: Book) -> Ints:
 
 
 @kernel
-def lane_leaders(lane: Ints, x: Floats, worst_x: Floats) -> Ints:
-    """The next vehicle ahead of each on its own approach lane, across the line and beyond; -1 for none.
+def lane_leaders(
+    lane: Ints, movement: Ints, x: Floats, worst_x: Floats, length: Floats, apart: Floats, rank: Ints
+) -> Ints:
+    """(n, R): the next vehicle ahead of each on its own approach lane, across the line and beyond; -1 for none.
 
-    Ahead is who is so even where it may be at worst: who is silent must not be taken to have overtaken.
+    One for each of the R movements that a lane may have: `rank` is a movement's column. Whose rear is past where its
+    movement parts from the follower's (`apart`) leads it no more. Ahead is who is so even where it may be at worst:
+    who is silent must not be taken to have overtaken.
     """
     n = x.shape[0]
-    leader = np.full(n, -1, np.int64)
+    leader = np.full((n, rank.max() + 1), -1, np.int64)
     for i in range(n):
         for j in range(n):
             ahead = worst_x[j] > x[i] or (worst_x[j] == x[i] and j < i)
-            if j != i and lane[j] == lane[i] and ahead and (leader[i] < 0 or worst_x[j] < worst_x[leader[i]]):
-                leader[i] = j
+            parted = worst_x[j] - length[j] >= apart[movement[i], movement[j]]
+            if j == i or lane[j] != lane[i] or not ahead or parted:
+                continue
+            r = rank[movement[j]]
+            if leader[i, r] < 0 or worst_x[j] < worst_x[leader[i, r]]:
+                leader[i, r] = j
     return leader
+
+
+def nearest(leaders: Ints, x: Floats) -> Ints:
+    """(n,): the nearest of several leaders, -1 where there is none."""
+    if not len(leaders):
+        return np.empty(0, dtype=np.int64)
+    ahead = np.where(leaders >= 0, x[leaders], np.inf)
+    return np.asarray(leaders[np.arange(len(leaders)), np.argmin(ahead, axis=1)])
 
 
 @kernel
@@ -198,10 +215,13 @@ def limits(snapshot: Snapshot, ground: Ground, book: Book, exit_parameters: Exit
     x, v, b = -snapshot.s, snapshot.v, snapshot.b_max
     movement = snapshot.movement
     along = x - ground.length[movement]
-    leader = lane_leaders(snapshot.lane, x, worst_x)
+    leaders = lane_leaders(snapshot.lane, movement, x, worst_x, snapshot.length, ground.apart, ground.rank)
+    leader = nearest(leaders, worst_x)
     downstream = exit_leaders(ground.exit_lane[movement], along, worst_x - ground.length[movement])
     nothing = np.zeros(len(snapshot))
-    follow = follow_limit(x, v, snapshot.length, b, worst_x, worst_v, leader, nothing)
+    follow = np.full(len(snapshot), NEVER)
+    for each in leaders.T:
+        follow = np.minimum(follow, follow_limit(x, v, snapshot.length, b, worst_x, worst_v, each.copy(), nothing))
     near = np.where(along >= -30.0, downstream, -1)
     offset = -ground.length[movement]
     follow = np.minimum(follow, follow_limit(x, v, snapshot.length, b, worst_x, worst_v, near, offset))
@@ -211,6 +231,7 @@ def limits(snapshot: Snapshot, ground: Ground, book: Book, exit_parameters: Exit
     return Limits(
         phase=phase,
         leader=leader,
+        leaders=leaders,
         downstream=downstream,
         unheard=unheard(snapshot, ground, leader, downstream, at_best(snapshot, book, phase)),
         stop=_stop_limits(snapshot, ground, phase),

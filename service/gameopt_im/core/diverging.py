@@ -1,0 +1,53 @@
+"""Where the paths of two movements out of one lane part: from there on one vehicle no longer leads the other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gameopt_im.core.snapshot import Floats, Ints
+from gameopt_wire.intersection import IntersectionMap
+
+APART_M = 2.8
+"""Where centre lines out of one lane are this far apart, bodies no longer follow each other."""
+STEP_M = 0.25
+
+
+def apart(intersection: IntersectionMap) -> Floats:
+    """(M, M): how far past the line the rear of a vehicle on the second movement stands clear of the first, m.
+
+    Infinite for a movement and itself, and for movements out of different lanes.
+    """
+    movements = intersection.movements
+    out = np.full((len(movements), len(movements)), np.inf)
+    for i, first in enumerate(movements):
+        for j, second in enumerate(movements):
+            if i == j or first.lane != second.lane:
+                continue
+            out[i, j] = second.length_m
+            if min(len(first.path), len(second.path)) > 1:
+                along, points = _sampled(np.array(second.path), second.length_m)
+                clear = np.flatnonzero(_distances(points, np.array(first.path)) >= APART_M)
+                out[i, j] = along[clear[0]] if len(clear) else second.length_m
+    return out
+
+
+def ranks(intersection: IntersectionMap) -> Ints:
+    """(M,): the how manieth movement of its lane each is."""
+    lanes = [movement.lane for movement in intersection.movements]
+    return np.array([lanes[:index].count(lane) for index, lane in enumerate(lanes)], dtype=np.int64)
+
+
+def _sampled(path: Floats, length_m: float) -> tuple[Floats, Floats]:
+    """Distances along a path, `length_m` as the map counts it, and the points there."""
+    ends = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
+    along = np.arange(0.0, length_m, STEP_M)
+    drawn = along * (ends[-1] / length_m)
+    return along, np.stack([np.interp(drawn, ends, path[:, axis]) for axis in (0, 1)], axis=1)
+
+
+def _distances(points: Floats, path: Floats) -> Floats:
+    """(n,): how far each point is from a path."""
+    start, way = path[:-1], np.diff(path, axis=0)
+    share = np.einsum("nkd,kd->nk", points[:, None] - start, way) / np.maximum(np.sum(way**2, axis=1), 1e-12)
+    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * way
+    return np.asarray(np.min(np.hypot(*np.moveaxis(points[:, None] - nearest, -1, 0)), axis=1))

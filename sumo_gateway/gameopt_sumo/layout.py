@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from gameopt_sumo.junction import Link
-from gameopt_sumo.upstream import Way, entry_speed_mps
+from gameopt_sumo.upstream import Way, entry_speed_mps, yields_at_end
 from gameopt_wire.intersection import IntersectionMap
 
 
@@ -18,7 +18,8 @@ class Place:
     A front bumper at p on an approach or internal lane is `offset_m` + p past the stop line. `lane` is the
     index of the approach lane in the map, `movement` of the only movement over an internal lane. An approach
     lane is observed from `observed_from_m` on. An upstream lane may lead to several approach lanes: `offsets_m`
-    has its offset for each; `limit_mps` is its speed limit.
+    has its offset for each; `limit_mps` is its speed limit. Of an exit lane `yields_m` is its length, if it ends at
+    a junction where vehicles have to yield.
     """
 
     kind: Literal["approach", "internal", "exit", "upstream"]
@@ -28,6 +29,7 @@ class Place:
     observed_from_m: float = 0.0
     offsets_m: Mapping[int, float] = field(default_factory=dict)
     limit_mps: float | None = None
+    yields_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -63,11 +65,13 @@ class Layout:
     """Internal lanes of other junctions by which vehicles come into a short zone, and how fast they may."""
 
 
-def layout_of(intersection_map: IntersectionMap, links: list[Link], lanes: list[Any], ways: list[Way]) -> Layout:
+def layout_of(
+    net: Any, intersection_map: IntersectionMap, links: list[Link], lanes: list[Any], ways: list[Way]
+) -> Layout:
     """The layout of a map whose movements, in order, are `links`, and whose lanes are `lanes` with their `ways`."""
     return Layout(
         map=intersection_map,
-        places=_places(intersection_map, links, lanes, ways),
+        places=_places(net, intersection_map, links, lanes, ways),
         choices=_choices(links),
         shared=[
             tuple(Shared(section.lane.getID(), section.begin_m, section.end_m) for section in way.sections[1:])
@@ -78,7 +82,7 @@ def layout_of(intersection_map: IntersectionMap, links: list[Link], lanes: list[
 
 
 def _places(
-    intersection_map: IntersectionMap, links: list[Link], lanes: list[Any], ways: list[Way]
+    net: Any, intersection_map: IntersectionMap, links: list[Link], lanes: list[Any], ways: list[Way]
 ) -> dict[str, Place]:
     """Approach lanes first, then inside, exits, upstream: a lane that is both entry and exit counts as entry."""
     index = {lane.getID(): i for i, lane in enumerate(lanes)}
@@ -93,9 +97,10 @@ def _places(
         for lane in link.internal:
             places[lane.getID()] = Place("internal", offset_m, index[link.lane.getID()], movement)
             offset_m += lane.getLength()
-    for link in links:
-        for lane in link.exit_lane.getEdge().getLanes():
-            places.setdefault(lane.getID(), Place("exit"))
+    for edge in dict.fromkeys(link.exit_lane.getEdge() for link in links):
+        yields = yields_at_end(net, edge)
+        for lane in edge.getLanes():
+            places.setdefault(lane.getID(), Place("exit", yields_m=lane.getLength() if yields else None))
     for lane_id, place in _upstream(ways).items():
         places.setdefault(lane_id, place)
     return places

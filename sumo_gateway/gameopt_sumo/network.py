@@ -84,7 +84,7 @@ def read_layout(
         footprints=list(FOOTPRINTS),
         areas=areas,
     )
-    return layout_of(intersection_map, links, lanes, ways)
+    return layout_of(net, intersection_map, links, lanes, ways)
 
 
 def packaged_map() -> IntersectionMap:

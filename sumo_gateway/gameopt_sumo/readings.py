@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from pathlib import Path
 
 import libsumo
@@ -73,6 +73,21 @@ def position_m(vehicle: str) -> float:
     return float(libsumo.vehicle.getLanePosition(vehicle))
 
 
+def speed_mps(vehicle: str) -> float:
+    """Its speed."""
+    return float(libsumo.vehicle.getSpeed(vehicle))
+
+
+def acceleration_mps2(vehicle: str) -> float:
+    """Its acceleration in the last step."""
+    return float(libsumo.vehicle.getAcceleration(vehicle))
+
+
+def decel_mps2(vehicle: str) -> float:
+    """The deceleration of its type."""
+    return float(libsumo.vehicle.getDecel(vehicle))
+
+
 def route_ahead(vehicle: str) -> tuple[str, ...]:
     """The edges of its route, from the one it is on."""
     return tuple(libsumo.vehicle.getRoute(vehicle)[max(0, libsumo.vehicle.getRouteIndex(vehicle)) :])
@@ -136,9 +151,10 @@ def consumption_mg_s(vehicle: str) -> tuple[float, float]:
     return float(api.getFuelConsumption(vehicle)), float(api.getCO2Emission(vehicle))
 
 
-def collisions() -> list[tuple[str, str]]:
-    """The pairs SUMO itself found colliding in the last step."""
-    return [(found.collider, found.victim) for found in libsumo.simulation.getCollisions()]
+def collisions(lanes: Container[str]) -> list[tuple[str, str]]:
+    """The pairs SUMO itself found colliding on these lanes in the last step."""
+    found = libsumo.simulation.getCollisions()
+    return [(pair.collider, pair.victim) for pair in found if pair.lane in lanes]
 
 
 def teleports() -> int:

@@ -1,6 +1,6 @@
 """The running simulation: what vehicles sense and what they are told to do, step by step.
 
-With `readings` the only module that imports libsumo, which runs one simulation per process.
+With `readings` and `control` the only module that imports libsumo, which runs one simulation per process.
 """
 
 from __future__ import annotations
@@ -9,10 +9,12 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
+from typing import NamedTuple
 
 import libsumo
 
 from gameopt_sumo import readings
+from gameopt_sumo.control import Control
 from gameopt_sumo.figures import Measurements
 from gameopt_sumo.meter import Meter
 from gameopt_sumo.network import (
@@ -22,7 +24,7 @@ from gameopt_sumo.network import (
     read_layout,
     without_turn_speeds,
 )
-from gameopt_sumo.observation import EXIT_RANGE_M, STEP_S, Observation, Pose, Vehicle
+from gameopt_sumo.observation import EXIT_RANGE_M, STEP_S, Observation, Pose
 from gameopt_sumo.radar import Body, Radar
 from gameopt_sumo.readings import RADAR_BEYOND_EDGE_M, SUMO_FAULTS
 from gameopt_sumo.run_files import Hush, SimulationError, net_file_of, nominal_demand
@@ -30,14 +32,6 @@ from gameopt_sumo.whereabouts import Whereabouts
 from gameopt_wire import motion
 
 __all__ = ["EXIT_RANGE_M", "STEP_S", "Observation", "Pose", "Simulation", "SimulationError"]
-
-_SPEED_MODE_EXECUTE = 32
-"""The set speed as it is: no car-following, no limits, no right of way before or within the junction."""
-_LANE_CHANGE_NEVER = 0
-_SPEED_MODE_SUMO = 31
-_LANE_CHANGE_SUMO = 1621
-GENTLE_DECEL_MPS2 = 2.0
-"""A vehicle is slowed down at this to what the zone's limit allows."""
 
 
 class Simulation:
@@ -72,9 +66,9 @@ class Simulation:
         self.map = without_turn_speeds(full_map) if ignore_turn_speed else full_map
         self.flow_veh_h, self.ratio = nominal_demand(config, extra_args)
         self._radar = Radar(self.map)
-        self._setback_m = max([0.0, *(back for movement in self.map.movements for back in movement.setback_m)])
-        self._control = control
+        self._controlling = control
         self._about = Whereabouts(self._layout)
+        self._control = Control(self._layout, self._about)
         self._open = False
         self._hush = Hush()
         try:
@@ -122,20 +116,29 @@ class Simulation:
             raise SimulationError(f"SUMO stopped after {self.time_s:.1f} s: {reason}") from None
         self.time_s = float(libsumo.simulation.getTime())
         bodies = {body.vehicle: body for body in self._about.look()}
-        self._forget_absent(set(bodies))
-        self._slow_down()
         leaders = self._radar.leaders(bodies.values())
-        observations = []
-        for body in bodies.values():
-            if self._in_range(body):
-                observations.append(self._observe(body, leaders.get(body.vehicle), bodies))
-            elif body.wants:
-                self._hold_back(body)
-            else:
-                self.release(body.vehicle)
+        self._control.forget_absent(set(bodies))
+        if self._controlling:
+            self._steer(bodies, leaders)
+        observations = [
+            self._observe(body, leaders.get(body.vehicle), bodies)
+            for body in bodies.values()
+            if self._control.in_range(body)
+        ]
         if self._meter is not None:
             self._measure(self._meter, observations)
         return observations
+
+    def _steer(self, bodies: Mapping[str, Body], leaders: Mapping[str, tuple[str, float]]) -> None:
+        """Everything that is done to vehicles beside setting speeds."""
+        self._control.slow_down()
+        for body in bodies.values():
+            if body.wants:
+                self._control.hold_back(body)
+            elif self._control.in_range(body):
+                self._control.hand_over(body, leaders.get(body.vehicle))
+            else:
+                self._control.release(body.vehicle)
 
     def set_speed(self, vehicle: str, speed_mps: float) -> None:
         """The speed `vehicle` will have after the next step, reached at constant acceleration.
@@ -148,17 +151,11 @@ class Simulation:
 
     def controls(self, vehicle: str) -> bool:
         """Whether `set_speed` rules this vehicle now."""
-        known = self._about.vehicles.get(vehicle)
-        return known is not None and known.controlled
+        return self._control.controls(vehicle)
 
     def release(self, vehicle: str) -> None:
         """Hand a vehicle back to SUMO's car-following for good; nothing happens if it is not controlled."""
-        known = self._about.vehicles.get(vehicle)
-        if known is not None and known.controlled:
-            known.controlled, known.released = False, True
-            libsumo.vehicle.setSpeed(vehicle, -1.0)
-            libsumo.vehicle.setSpeedMode(vehicle, _SPEED_MODE_SUMO)
-            libsumo.vehicle.setLaneChangeMode(vehicle, _LANE_CHANGE_SUMO)
+        self._control.release(vehicle)
 
     def poses(self) -> list[Pose]:
         """Every vehicle on the junction and on its approach and exit edges, controlled or not."""
@@ -188,81 +185,54 @@ class Simulation:
             if self._layout.places[lane].kind in ("approach", "upstream") and not meter.knows(vehicle):
                 meter.passing(readings.on_its_way(vehicle, self.time_s), self.time_s)
         meter.step(self.time_s, observations, self.poses())
-        meter.faults(readings.collisions(), readings.teleports())
-
-    def _in_range(self, body: Body) -> bool:
-        """Observed: on a movement, and not too far past the conflict zone."""
-        if body.movement is None:
-            return False
-        return body.past_line_m <= self.map.movements[body.movement].length_m + EXIT_RANGE_M
-
-    def _slow_down(self) -> None:
-        """Whoever comes faster than the zone allows, by its own nature or from a faster road, brakes before it."""
-        for vehicle, room_m, limit_mps in self._about.nearing if self._control else ():
-            speed_mps = float(libsumo.vehicle.getSpeed(vehicle))
-            if speed_mps > limit_mps:
-                cap_mps = motion.brake_speed(room_m, speed_mps, GENTLE_DECEL_MPS2, STEP_S, limit_mps)
-                libsumo.vehicle.setSpeed(vehicle, max(limit_mps, cap_mps))
-
-    def _hold_back(self, body: Body) -> None:
-        """A vehicle on a wrong lane is SUMO's, to change lanes; it may never come too near to stop before the line.
-
-        Once it is on a right one it is taken over, and could not be if it could not stop.
-        """
-        known = self._about.vehicles[body.vehicle]
-        if self._control:
-            if known.controlled:
-                self.release(body.vehicle)
-                known.released = False
-            room_m = -body.past_line_m - self._setback_m
-            speed_mps = float(libsumo.vehicle.getSpeed(body.vehicle))
-            limit_mps = motion.stop_speed(room_m, speed_mps, known.max_decel_mps2, STEP_S)
-            libsumo.vehicle.setSpeed(body.vehicle, max(0.0, limit_mps))
-
-    def _forget_absent(self, present: set[str]) -> None:
-        """Vehicles that have left the junction's lanes go back to SUMO, if they are still driving."""
-        absent = [vehicle for vehicle in self._about.vehicles if vehicle not in present]
-        if absent:
-            driving = set(libsumo.vehicle.getIDList())
-            for vehicle in absent:
-                if vehicle in driving:
-                    self.release(vehicle)
-                del self._about.vehicles[vehicle]
+        meter.faults(readings.collisions(self._layout.places), readings.teleports())
 
     def _observe(self, body: Body, leader: tuple[str, float] | None, bodies: Mapping[str, Body]) -> Observation:
         known = self._about.vehicles[body.vehicle]
-        self._take(known, body)
+        if self._controlling:
+            self._control.take(known, body)
         assert body.movement is not None
-        movement = self.map.movements[body.movement]
-        speed_mps = float(libsumo.vehicle.getSpeed(body.vehicle))
-        if leader is None and body.on_exit and body.exit_m > movement.exit_length_m - RADAR_BEYOND_EDGE_M:
-            leader = readings.leader_beyond(body.vehicle)
-        ahead = leader[0] if leader else None
+        ahead = self._ahead(body, leader, bodies)
         return Observation(
             vehicle=body.vehicle,
-            movement=movement.id,
+            movement=self.map.movements[body.movement].id,
             distance_m=-body.past_line_m,
-            speed_mps=speed_mps,
-            acceleration_mps2=float(libsumo.vehicle.getAcceleration(body.vehicle)),
+            speed_mps=readings.speed_mps(body.vehicle),
+            acceleration_mps2=readings.acceleration_mps2(body.vehicle),
             length_m=known.length_m,
             width_m=known.width_m,
             vehicle_class=known.vehicle_class,
             max_speed_mps=min(known.max_speed_mps, self._layout.places[known.lane].limit_mps or known.max_speed_mps),
             max_accel_mps2=known.max_accel_mps2,
             max_decel_mps2=known.max_decel_mps2,
-            leader_gap_m=leader[1] if leader else None,
-            leader_speed_mps=float(libsumo.vehicle.getSpeed(ahead)) if ahead else None,
-            leader_decel_mps2=float(libsumo.vehicle.getDecel(ahead)) if ahead else None,
-            leader_strange=ahead is not None and (not self.controls(ahead) or _elsewhere(body, bodies.get(ahead))),
+            leader_gap_m=ahead.gap_m if ahead else None,
+            leader_speed_mps=ahead.speed_mps if ahead else None,
+            leader_decel_mps2=ahead.decel_mps2 if ahead else None,
+            leader_strange=ahead is not None and ahead.strange,
             controlled=known.controlled,
         )
 
-    def _take(self, known: Vehicle, body: Body) -> None:
-        """Take a vehicle over the first time it is seen in the control zone."""
-        if self._control and not known.controlled and not known.released and body.on_exit is None:
-            known.controlled = True
-            libsumo.vehicle.setSpeedMode(known.id, _SPEED_MODE_EXECUTE)
-            libsumo.vehicle.setLaneChangeMode(known.id, _LANE_CHANGE_NEVER)
+    def _ahead(self, body: Body, leader: tuple[str, float] | None, bodies: Mapping[str, Body]) -> _Ahead | None:
+        """What the radar sees: the leader, or the end of an exit where SUMO's driver has yet to take over."""
+        assert body.movement is not None
+        near_end_m = self.map.movements[body.movement].exit_length_m - RADAR_BEYOND_EDGE_M
+        if leader is None and body.on_exit and body.exit_m > near_end_m:
+            leader = readings.leader_beyond(body.vehicle)
+        end_m = self._control.end_m(body)
+        if end_m is not None and (leader is None or end_m + motion.REAR_GAP_M < leader[1]):
+            return _Ahead(end_m + motion.REAR_GAP_M, 0.0, self._about.vehicles[body.vehicle].max_decel_mps2, True)
+        if leader is None:
+            return None
+        vehicle, gap_m = leader
+        strange = not self.controls(vehicle) or _elsewhere(body, bodies.get(vehicle))
+        return _Ahead(gap_m, readings.speed_mps(vehicle), readings.decel_mps2(vehicle), strange)
+
+
+class _Ahead(NamedTuple):
+    gap_m: float
+    speed_mps: float
+    decel_mps2: float
+    strange: bool
 
 
 def _elsewhere(body: Body, ahead: Body | None) -> bool:

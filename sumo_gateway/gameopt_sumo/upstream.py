@@ -74,6 +74,13 @@ def _only_feeder(net: Any, managed: Any, lane: Any) -> Link | None:
     return feeders[0] if _free(net, before, links) else None
 
 
+def yields_at_end(net: Any, edge: Any) -> bool:
+    """Whether vehicles that go on beyond an edge have to mind somebody at the junction there."""
+    beyond = edge.getToNode()
+    links = links_over(net, beyond)
+    return bool(links) and not _free(net, beyond, links)
+
+
 def _free(net: Any, node: Any, links: list[Link]) -> bool:
     """Whether nobody has to yield on a junction: no lights, no crossings, no two ways that cross or merge."""
     if node.getType().startswith(("traffic_light", "rail")) or any(_others(net, node)):

@@ -31,8 +31,9 @@ from sites import SHIPPED, Site, site
 
 STEP = 1.2
 """Demand is raised by this factor while capacity is looked for."""
-SERVED = 0.95
-"""A control that lets fewer of those who come cross is saturated."""
+WAITING = 0.05
+STANDING = 0.25
+"""A control is saturated once more than the first share cannot enter the zone, or more than the second stays in it."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +89,11 @@ def capacity(site: Site, out: Path) -> tuple[float, list[tuple[int, float]]]:
     """What the net's own control can serve, veh/h: the most that crossed while demand was raised; every step of it."""
     flow, steps = 120.0 * site.lanes, []
     while True:
-        report = Run(site, False, round(flow), 99, 900, 300, out).report()
+        report = Run(site, False, round(flow), 99, 600, 120, out).report()
         vehicles = report["vehicles"]
         steps.append((round(flow), 60.0 * report["throughput_veh_min"]))
-        if vehicles["crossed"] < SERVED * (vehicles["arrived"] - vehicles["in_zone"]):
+        waiting, standing = vehicles["waiting_to_enter"], vehicles["in_zone"]
+        if max(waiting / WAITING, standing / STANDING) > vehicles["arrived"]:
             return max(served for _, served in steps), steps
         flow *= STEP
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from gameopt_sumo.junction import read_net
-from gameopt_sumo.simulation import Observation, Simulation, SimulationError
+from gameopt_sumo.simulation import STEP_S, Observation, Simulation, SimulationError
+from gameopt_wire import motion
 
 
 def at_limits(simulation: Simulation, seen: Observation) -> float:
@@ -23,6 +24,16 @@ def at_limits(simulation: Simulation, seen: Observation) -> float:
     elif -seen.distance_m < movement.length_m:
         wanted = turn_mps
     return max(min(wanted, seen.speed_mps + 0.1 * seen.max_accel_mps2), seen.speed_mps - 0.45)
+
+
+def behind_its_leader(simulation: Simulation, seen: Observation) -> float:
+    """The speed of one who also keeps rule 2 by his radar."""
+    speed = at_limits(simulation, seen)
+    if seen.leader_gap_m is not None and seen.leader_speed_mps is not None:
+        gap_m, b = seen.leader_gap_m - motion.REAR_GAP_M, seen.max_decel_mps2
+        lead_b = seen.leader_decel_mps2 or b
+        speed = min(speed, motion.follow_speed(gap_m, seen.speed_mps, b, seen.leader_speed_mps, lead_b, STEP_S))
+    return max(speed, seen.speed_mps - seen.max_decel_mps2 * STEP_S, 0.0)
 
 
 def set_speeds(sumocfg: Path) -> dict[str, Any]:
@@ -138,6 +149,28 @@ def release_and_close(sumocfg: Path, fcd: Path) -> dict[str, Any]:
     simulation.close()
     simulation.close()
     return {"furthest_m": furthest, "refused": refused, "time_s": time_s, "fcd": fcd.stat().st_size}
+
+
+def last_seen(sumocfg: Path, net: Path, junction: str, steps: int) -> dict[str, Any]:
+    """Everybody drives at the limits, behind its leader; who was still controlled when last seen before the next."""
+    beyond = {edge.getID(): edge.getToNode().getType() for edge in read_net(net).getEdges()}
+    seen_last: dict[str, Observation] = {}
+    present: set[str] = set()
+    with Simulation(sumocfg, junction, measure=False) as simulation:
+        for _ in range(steps):
+            now = simulation.step()
+            present = {seen.vehicle for seen in now}
+            for seen in now:
+                seen_last[seen.vehicle] = seen
+                if seen.controlled:
+                    simulation.set_speed(seen.vehicle, behind_its_leader(simulation, seen))
+        exits = {movement.id: movement.exit_lane.rpartition("_")[0] for movement in simulation.map.movements}
+    gone = [
+        seen
+        for vehicle, seen in seen_last.items()
+        if vehicle not in present and beyond[exits[seen.movement]] == "traffic_light"
+    ]
+    return {"gone": len(gone), "controlled": sorted(seen.vehicle for seen in gone if seen.controlled)}
 
 
 def fails(sumocfg: Path, junction: str | None = None, extra: tuple[str, ...] = (), gui: bool = False) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import sumo
 import sumo_runs
 
 from gameopt_sumo.scenarios import FourArm, write_four_arm
@@ -123,3 +124,11 @@ def test_what_sumo_refuses_is_one_line(
 
 def test_the_geometric_check_is_cheap(run: Run, busy: Path) -> None:
     assert run(sumo_runs.check_costs, busy) < 3.0
+
+
+def test_a_vehicle_is_given_back_before_a_junction_where_it_has_to_yield(run: Run) -> None:
+    """In SUMO's grid6 there are lights 66 m after the exit: nobody may come to them as if they were not there."""
+    game = Path(sumo.SUMO_HOME, "tools", "game")
+    found = run(sumo_runs.last_seen, game / "grid6.sumocfg", game / "grid6" / "grid6.net.xml", "1/0", 900)
+    assert found["gone"] > 3
+    assert found["controlled"] == []

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from scipy.sparse import csc_matrix
 
 from gameopt_im.core import horizon
@@ -32,11 +34,37 @@ TASK = HorizonTask(
     pv=np.array([1.0, 0.5, 2.5]),
     room=np.full((3, H), NEVER),
 )
-CORRIDOR, SPEED, CHANGE, REAR_END = (slice(3 * H * k, 3 * H * (k + 1)) for k in range(4))
+CORRIDOR, SPEED, CHANGE, REAR_END = range(4)
 
 
 def dense(matrix: Sparse) -> Floats:
     return csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape).toarray()
+
+
+class Built(NamedTuple):
+    """All lanes of a candidate side by side; `A`, `l` and `u` by the kind of row, a row a vehicle and block."""
+
+    P: Floats
+    q: Floats
+    A: list[Floats]
+    l: list[Floats]  # noqa: E741
+    u: list[Floats]
+    reference: Floats
+
+
+def built(task: HorizonTask = TASK, slots: Floats = SLOTS) -> Built:
+    lanes = horizon.build(task, RULES, slots)
+    assert [len(reference) for _, reference in lanes] == [count * H for count in task.counts]
+    P, A = (
+        block_diag(*(dense(matrix) for matrix in one)) for one in zip(*((qp.P, qp.A) for qp, _ in lanes), strict=True)
+    )
+    kind = np.concatenate([np.repeat([0, 1, 2, 3], np.array([m, m, m, m - 1]) * H) for m in task.counts])
+    rows = [np.flatnonzero(kind == each) for each in range(4)]
+    l, u = (np.concatenate(bound) for bound in zip(*((qp.l, qp.u) for qp, _ in lanes), strict=True))  # noqa: E741
+    return Built(
+        P, np.concatenate([qp.q for qp, _ in lanes]), [A[r] for r in rows], [l[r] for r in rows], [u[r] for r in rows],
+        np.concatenate([reference for _, reference in lanes]),
+    )  # fmt: skip
 
 
 def ways(task: HorizonTask, u: Floats) -> Floats:
@@ -57,8 +85,8 @@ def cost(u: Floats) -> float:
 
 
 def test_the_cost_is_the_sum_of_the_papers_up_to_a_constant() -> None:
-    qp, _ = horizon.build(TASK, RULES, SLOTS)
-    upper = dense(qp.P)
+    qp = built()
+    upper = qp.P
     both = upper + np.triu(upper, 1).T
     constant = cost(np.zeros(3 * H))
     for u in np.random.default_rng(1).uniform(0.0, 20.0, (5, 3 * H)):
@@ -68,20 +96,20 @@ def test_the_cost_is_the_sum_of_the_papers_up_to_a_constant() -> None:
 
 @pytest.mark.parametrize("shift", [-3.0, 0.0, 5.0])
 def test_the_reference_is_inside_with_play_to_spare(shift: float) -> None:
-    qp, reference = horizon.build(TASK, RULES, SLOTS + shift)
-    at = dense(qp.A) @ reference
-    assert (qp.l <= at + 1e-9).all()
-    assert (at <= qp.u + 1e-9).all()
-    for rows in (CORRIDOR, CHANGE):
-        assert (at[rows] - qp.l[rows] >= SLACK_MPS - 1e-9).all()
-        assert (qp.u[rows] - at[rows] >= SLACK_MPS - 1e-9).all()
+    qp = built(slots=SLOTS + shift)
+    for kind in (CORRIDOR, SPEED, CHANGE, REAR_END):
+        at = qp.A[kind] @ qp.reference
+        spare = SLACK_MPS if kind in (CORRIDOR, CHANGE) else 0.0
+        assert (at - qp.l[kind] >= spare - 1e-9).all()
+        assert (qp.u[kind] - at >= spare - 1e-9).all()
 
 
 def test_the_rows_are_ways_speeds_and_changes() -> None:
-    qp, _ = horizon.build(TASK, RULES, SLOTS)
-    assert qp.A.shape == (10 * H, 3 * H)
+    qp = built()
+    assert [len(rows) for rows in qp.A] == [3 * H, 3 * H, 3 * H, H]
     u = np.random.default_rng(2).uniform(0.0, 20.0, 3 * H)
-    at, way = dense(qp.A) @ u, ways(TASK, u) - 0.5 * BLOCKS[0] * TASK.v[:, None]
+    at = [rows @ u for rows in qp.A]
+    way = ways(TASK, u) - 0.5 * BLOCKS[0] * TASK.v[:, None]
     np.testing.assert_allclose(at[CORRIDOR].reshape(3, H), way / ENDS)
     np.testing.assert_allclose(at[SPEED], u)
     np.testing.assert_allclose(at[CHANGE].reshape(3, H), np.diff(u.reshape(3, H), axis=1, prepend=0.0))
@@ -100,12 +128,12 @@ def test_the_corridor_by_hand() -> None:
 
 
 def test_the_corridor_bounds_the_way_of_the_program() -> None:
-    qp, reference = horizon.build(TASK, RULES, SLOTS)
+    qp = built()
     line = horizon.reference(
         TASK.s, TASK.v, SLOTS, TASK.a, TASK.b, TASK.top, TASK.line_cap, RULES.decels, RULES.slowest, np.array(BLOCKS)
     )[1]
     least, most = horizon.corridor(TASK, SLOTS, line, ENDS)
-    start, way = 0.5 * BLOCKS[0] * TASK.v[:, None], ways(TASK, reference)
+    start, way = 0.5 * BLOCKS[0] * TASK.v[:, None], ways(TASK, qp.reference)
     assert np.count_nonzero(least < way) > H
     assert np.count_nonzero(way < most) > H
     low = (np.minimum(least, way) - start) / ENDS - SLACK_MPS  # widened to hold the reference
@@ -115,17 +143,17 @@ def test_the_corridor_bounds_the_way_of_the_program() -> None:
 
 
 def test_a_cleared_leader_leaves_less_room() -> None:
-    free = horizon.build(TASK, RULES, SLOTS)[0].u[CORRIDOR]
+    free = built().u[CORRIDOR]
     room = TASK.room.copy()
     room[2] = [7.0, 14.0, 27.0]
-    tight = horizon.build(replace(TASK, room=room), RULES, SLOTS)[0].u[CORRIDOR]
+    tight = built(replace(TASK, room=room)).u[CORRIDOR]
     np.testing.assert_allclose(tight[2 * H :], (room[2] - 3.0) / ENDS + SLACK_MPS)
     assert (tight[2 * H :] < free[2 * H :]).all()
     np.testing.assert_array_equal(tight[: 2 * H], free[: 2 * H])
 
 
 def test_the_boxes_are_limits_and_reach() -> None:
-    qp, _ = horizon.build(TASK, RULES, SLOTS)
+    qp = built()
     assert (qp.l[SPEED] == 0.0).all()
     np.testing.assert_allclose(qp.u[SPEED], np.repeat(TASK.top, H))
     now = np.column_stack([TASK.v, np.zeros((3, H - 1))])
@@ -135,11 +163,11 @@ def test_the_boxes_are_limits_and_reach() -> None:
 
 
 def test_a_follower_keeps_its_distance() -> None:
-    qp, _ = horizon.build(TASK, RULES, SLOTS)
+    qp = built()
     np.testing.assert_allclose(qp.u[REAR_END], 13.0 / ENDS + SLACK_MPS)  # 20 m less its length and 2 m; same speed
     assert np.isneginf(qp.l[REAR_END]).all()
     back = replace(TASK, s=TASK.s + np.array([4.0, 0.0, 0.0]))
-    np.testing.assert_allclose(horizon.build(back, RULES, SLOTS)[0].u[REAR_END], 9.0 / ENDS + SLACK_MPS)
+    np.testing.assert_allclose(built(back).u[REAR_END], 9.0 / ENDS + SLACK_MPS)
 
 
 def test_the_first_speed_is_on_the_way_to_the_first_blocks_end() -> None:

@@ -58,6 +58,15 @@ def test_entries_off_the_diagonal_of_p_count_twice() -> None:
     assert solution.objective == pytest.approx(0.5 * x @ full @ x + qp.q @ x + 7.0, abs=1e-4)
 
 
+def test_rows_of_any_length_give_the_same_solution_and_residual() -> None:
+    long_rows = csc((2, 2), np.array([0, 1]), np.array([0, 1]), np.array([1e-2, 1e2]))
+    qp = QP(diagonal(np.full(2, 2.0)), np.array([-6.0, -6.0]), long_rows, np.zeros(2), np.array([1e-2, 1e2]))
+    solution = solved(Workspace(unit_rows=True, rho=1.0), qp)
+    np.testing.assert_allclose(solution.x, [1.0, 1.0], atol=1e-4)
+    ax = np.array([1e-2, 1e2]) * solution.x
+    assert solution.residual == pytest.approx(np.max(np.maximum(-ax, ax - qp.u), initial=0.0))
+
+
 def test_what_is_infeasible_has_no_solution() -> None:
     workspace = Workspace()
     qp = box(np.zeros(2), 0.0, 1.0)
@@ -114,12 +123,14 @@ draws = st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 2)), min_size=1
 
 
 @settings(max_examples=60)
-@given(draws, st.integers(1, 3))
-def test_results_are_the_same_bits_whatever_was_solved_before(history: list[tuple[int, int]], capacity: int) -> None:
-    lived = Workspace(rho=1.0, max_iter=400, residual_mps=1e-2, capacity=capacity)
+@given(draws, st.integers(1, 3), st.booleans())
+def test_results_are_the_same_bits_whatever_was_solved_before(
+    history: list[tuple[int, int]], capacity: int, unit_rows: bool
+) -> None:
+    lived = Workspace(rho=1.0, max_iter=400, residual_mps=1e-2, capacity=capacity, unit_rows=unit_rows)
     for seed, kind in history:
         qp, start = drawn(seed, kind)
-        fresh = Workspace(rho=1.0, max_iter=400, residual_mps=1e-2)
+        fresh = Workspace(rho=1.0, max_iter=400, residual_mps=1e-2, unit_rows=unit_rows)
         assert bits(lived.solve(kind, qp, start)) == bits(fresh.solve(kind, qp, start))
 
 

@@ -9,7 +9,8 @@ The way covered is p_k = sum_{l <= k} D_l (u_{l-1} + u_l) / 2. Rows, all in m/s 
 With H = 1 and D_1 = Delta t this is the paper's program without its lateral rows, which the slots replace.
 The bounds are widened to hold the reference, the approach law's own way, with SLACK_MPS to spare: a solution
 exists, and not only on an edge, where the solver would spend its iterations.
-A depends on nothing but the lanes' vehicle counts: workspaces live on and only values change.
+Lanes share no row, so each is a program of its own, and two candidates that leave a lane its slots share it.
+A depends on nothing but the lane's number of vehicles: workspaces live on and only values change.
 """
 
 from __future__ import annotations
@@ -23,11 +24,10 @@ import scipy.sparse as sp
 
 from gameopt_im.core.kinematics import NEVER, approach, approach_speed, kernel
 from gameopt_im.core.program import QP, Csc
-from gameopt_im.core.snapshot import Floats, Ints
+from gameopt_im.core.snapshot import Floats
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
 
-Counts = tuple[int, ...]
 SLACK_MPS = 0.1
 """Play left around the reference, m/s (of the mean speed for the corridor, of a change of speed for the boxes)."""
 
@@ -40,7 +40,7 @@ class HorizonTask:
     the end of each block, NEVER where it has none. The rest as in `Demand`; `ps`, `pv` the priorities.
     """
 
-    counts: Counts
+    counts: tuple[int, ...]
     s: Floats
     v: Floats
     length: Floats
@@ -73,26 +73,14 @@ def way_matrix(blocks: tuple[float, ...]) -> Floats:
 
 
 @lru_cache(maxsize=512)
-def rows(counts: Counts, blocks: tuple[float, ...]) -> Csc:
-    """A: corridor, speed and acceleration rows of every vehicle, then the rear-end rows of each lane."""
-    n, h = sum(counts), len(blocks)
-    way = way_matrix(blocks) / np.cumsum(blocks)[:, None]
-    change = np.eye(h) - np.eye(h, k=-1)
-    one = sp.kron(sp.eye(n), sp.csr_matrix(way))
-    parts = [one, sp.eye(n * h), sp.kron(sp.eye(n), sp.csr_matrix(change))]
-    followers = followers_of(counts)
-    if len(followers):
-        pick = sp.csr_matrix(
-            (
-                np.r_[np.ones(len(followers)), -np.ones(len(followers))],
-                (
-                    np.r_[np.arange(len(followers)), np.arange(len(followers))],
-                    np.r_[followers, followers - 1],
-                ),
-            ),
-            shape=(len(followers), n),
-        )
-        parts.append(sp.kron(pick, sp.csr_matrix(way)))
+def rows(n: int, blocks: tuple[float, ...]) -> Csc:
+    """A of a lane of n: corridor, speed and acceleration rows of every vehicle, then the rear-end rows."""
+    h = len(blocks)
+    way = sp.csr_matrix(way_matrix(blocks) / np.cumsum(blocks)[:, None])
+    change = sp.csr_matrix(np.eye(h) - np.eye(h, k=-1))
+    parts = [sp.kron(sp.eye(n), way), sp.eye(n * h), sp.kron(sp.eye(n), change)]
+    if n > 1:
+        parts.append(sp.kron(sp.eye(n - 1, n, k=1) - sp.eye(n - 1, n), way))
     return _compact(sp.csc_matrix(sp.vstack(parts)))
 
 
@@ -105,13 +93,6 @@ def _compact(matrix: Any) -> Csc:
 
 
 @lru_cache(maxsize=512)
-def followers_of(counts: Counts) -> Ints:
-    """Indices of the vehicles that have an uncleared leader: index - 1 is that leader."""
-    heads = np.cumsum((0, *counts[:-1]))
-    return np.setdiff1d(np.arange(sum(counts)), heads)
-
-
-@lru_cache(maxsize=512)
 def _cost_pattern(n: int, h: int) -> Csc:
     """The pattern of P's upper triangle: one bidiagonal block per vehicle; data hold its own index."""
     block = sp.csc_matrix(np.eye(h) + np.eye(h, k=1))
@@ -119,8 +100,11 @@ def _cost_pattern(n: int, h: int) -> Csc:
     return _compact(pattern)
 
 
-def cost(task: HorizonTask, rules: HorizonRules) -> tuple[Csc, Floats]:
-    """(P upper triangle, q) of 1/2 u'Pu + q'u: `eq:J2` summed over the horizon, without its constant."""
+def cost(task: HorizonTask, rules: HorizonRules) -> tuple[Floats, Floats]:
+    """(data of P's upper triangle (n, 2 H - 1), q (n, H)) of 1/2 u'Pu + q'u: `eq:J2` over the horizon.
+
+    Its constant is left out.
+    """
     n, h = len(task.s), len(rules.blocks)
     fast = 2.0 * rules.trade_off * task.ps
     steady = 2.0 * (1.0 - rules.trade_off) * task.pv
@@ -130,11 +114,9 @@ def cost(task: HorizonTask, rules: HorizonRules) -> tuple[Csc, Floats]:
     data[:, 0] = diagonal[:, 0]
     data[:, 1::2] = -steady[:, None]
     data[:, 2::2] = diagonal[:, 1:]
-    pattern = _cost_pattern(n, h)
-    p = Csc(pattern.shape, data.ravel(), pattern.indices, pattern.indptr)
     q = np.repeat((-fast * task.top)[:, None], h, axis=1)
     q[:, 0] -= steady * task.v
-    return p, q.ravel()
+    return data, q
 
 
 @kernel
@@ -203,8 +185,8 @@ def corridor(task: HorizonTask, slot: Floats, line: Floats, ends: Floats) -> tup
     return task.s[:, None] - farthest + past, most
 
 
-def build(task: HorizonTask, rules: HorizonRules, slot: Floats) -> tuple[QP, Floats]:
-    """(the program of one candidate's slots, the reference as a warm start (n * H,))."""
+def build(task: HorizonTask, rules: HorizonRules, slot: Floats) -> list[tuple[QP, Floats]]:
+    """(program, the reference as a warm start (m * H,)) of each lane of one candidate: lanes share no row."""
     blocks = np.array(rules.blocks)
     ends = np.cumsum(blocks)
     n, h = len(task.s), len(blocks)
@@ -224,19 +206,30 @@ def build(task: HorizonTask, rules: HorizonRules, slot: Floats) -> tuple[QP, Flo
     faster = np.maximum(task.a[:, None] * blocks, change) + SLACK_MPS
     slower[:, 0] += task.v
     faster[:, 0] += task.v
+    lower = (low, np.zeros((n, h)), slower)
+    upper = (high, np.maximum(task.top[:, None], u_ref), faster)
 
-    parts_l = [low.ravel(), np.zeros(n * h), slower.ravel()]
-    parts_u = [high.ravel(), np.maximum(np.repeat(task.top, h), u_ref.ravel()), faster.ravel()]
-    y = followers_of(task.counts)
-    if len(y):
-        x = y - 1
-        gap = task.s[y] - task.s[x] - task.length[x] - rules.rear_gap
-        behind = np.maximum(gap[:, None], p_ref[y] - p_ref[x])
-        parts_l.append(np.full(len(y) * h, -np.inf))
-        parts_u.append(((behind - (start[y] - start[x])) / ends).ravel() + SLACK_MPS)
-    p, q = cost(task, rules)
-    qp = QP(p, q, rows(task.counts, rules.blocks), np.concatenate(parts_l), np.concatenate(parts_u))
-    return qp, u_ref.ravel()
+    # between neighbours in the arrays; the first of a lane has nobody to follow, and its row is left out
+    gap = task.s[1:] - task.s[:-1] - task.length[:-1] - rules.rear_gap
+    behind = np.maximum(gap[:, None], p_ref[1:] - p_ref[:-1])
+    apart = (behind - (start[1:] - start[:-1])) / ends + SLACK_MPS
+
+    data, q = cost(task, rules)
+    made = []
+    first = 0
+    for count in task.counts:
+        lane, following = slice(first, first + count), slice(first, first + count - 1)
+        pattern = _cost_pattern(count, h)
+        qp = QP(
+            Csc(pattern.shape, data[lane].ravel(), pattern.indices, pattern.indptr),
+            q[lane].ravel(),
+            rows(count, rules.blocks),
+            np.concatenate([*(part[lane].ravel() for part in lower), np.full((count - 1) * h, -np.inf)]),
+            np.concatenate([*(part[lane].ravel() for part in upper), apart[following].ravel()]),
+        )
+        made.append((qp, u_ref[lane].ravel()))
+        first += count
+    return made
 
 
 def first_speeds(task: HorizonTask, rules: HorizonRules, u: Floats) -> Floats:

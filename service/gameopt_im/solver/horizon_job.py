@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,10 +12,15 @@ from gameopt_im.core.horizon import HorizonRules, HorizonTask
 from gameopt_im.core.program import QP, Csc
 from gameopt_im.core.snapshot import Floats
 from gameopt_im.solver.jobs import Job, Outcome
-from gameopt_im.solver.workspace import kept_workspace
+from gameopt_im.solver.workspace import Solution, kept_workspace
 
 COST_SCALE = 0.02
-"""The program's cost is scaled by this: multipliers and residuals are then of one size, and rho = 1 suits."""
+"""The program's cost is scaled by this: multipliers and residuals are then of one size."""
+RHO = 0.5
+ALPHA = 1.8
+"""Step size and relaxation that took the fewest iterations on recorded programs of rows of length 1."""
+KNOWN_LANES = 256
+"""Solutions of lanes that are remembered: more than a control cycle's candidates have lanes."""
 MAX_ITERATIONS = 1000
 TOLERANCE = 0.4
 """Share of the residual allowed that the solver is asked for."""
@@ -31,18 +37,35 @@ class HorizonJob:
 
     def solve(self) -> Outcome | None:
         """Speeds for the next control cycle and J; starts from the approach law, so from the snapshot alone."""
-        qp, warm = horizon.build(self.task, self.rules, self.slots)
-        workspace = kept_workspace(
-            residual_mps=self.residual_mps, max_iter=MAX_ITERATIONS, rho=1.0, tolerance=TOLERANCE, capacity=128
-        )
-        solution = workspace.solve((self.task.counts, self.rules.blocks), _scaled(qp), warm)
-        if solution is None:
-            return None
+        solutions = []
+        for qp, reference in horizon.build(self.task, self.rules, self.slots):
+            solution = _lane(qp, reference, self.residual_mps)
+            if solution is None:
+                return None
+            solutions.append(solution)
+        u = np.concatenate([solution.x for solution in solutions])
         return Outcome(
-            horizon.first_speeds(self.task, self.rules, solution.x),
-            horizon.objective(self.task, self.rules, solution.x),
-            solution.residual,
+            horizon.first_speeds(self.task, self.rules, u),
+            horizon.objective(self.task, self.rules, u),
+            max(solution.residual for solution in solutions),
         )
+
+
+_known: OrderedDict[bytes, Solution | None] = OrderedDict()
+
+
+def _lane(qp: QP, reference: Floats, residual_mps: float) -> Solution | None:
+    """The solution of one lane's program; candidates that leave a lane its slots have it solved once."""
+    key = b"".join(part.tobytes() for part in (qp.P.data, qp.q, qp.l, qp.u, reference))
+    if key not in _known:
+        workspace = kept_workspace(
+            residual_mps=residual_mps, max_iter=MAX_ITERATIONS, rho=RHO, alpha=ALPHA, tolerance=TOLERANCE,
+            capacity=128, unit_rows=True,
+        )  # fmt: skip
+        _known[key] = workspace.solve(len(qp.q), _scaled(qp), reference)
+        if len(_known) > KNOWN_LANES:
+            _known.popitem(last=False)
+    return _known[key]
 
 
 def _scaled(qp: QP) -> QP:

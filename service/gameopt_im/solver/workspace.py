@@ -17,7 +17,7 @@ import numpy as np
 import osqp
 from scipy.sparse import csc_matrix
 
-from gameopt_im.core.program import QP, Sparse
+from gameopt_im.core.program import QP, Csc, Sparse
 from gameopt_im.core.snapshot import Floats, Ints
 
 
@@ -44,7 +44,8 @@ class Workspace:
 
     `residual_mps` is the largest primal residual that counts as a solution; the solver is asked for
     `tolerance` times as much.
-    `rho` is the fixed step size, to be matched to the size of the multipliers (`program.REAR_END_PENALTY`).
+    `rho` is the fixed step size, to be matched to the size of the multipliers (`program.REAR_END_PENALTY`), `alpha`
+    the relaxation. With `unit_rows` the solver sees every row of A at length 1; residuals stay those of A.
     """
 
     def __init__(
@@ -53,16 +54,20 @@ class Workspace:
         residual_mps: float = 1e-3,
         max_iter: int = 4000,
         rho: float = 100.0,
+        alpha: float = 1.6,
         tolerance: float = 0.1,
         capacity: int = 32,
+        unit_rows: bool = False,
     ) -> None:
         self._residual_mps = residual_mps
         self._capacity = capacity
+        self._unit_rows = unit_rows
         self._settings = {
             "eps_abs": tolerance * residual_mps,
             "eps_rel": 1e-3 * residual_mps,  # of speeds up to 100 m/s: the rest of the residual allowed
             "max_iter": max_iter,
             "rho": rho,
+            "alpha": alpha,
             "adaptive_rho": False,
             "scaling": 0,
             "polishing": False,
@@ -80,7 +85,7 @@ class Workspace:
             return None
         kept = self._kept.get(key)
         if kept is None:
-            kept = self._kept[key] = _Kept(qp, self._settings)
+            kept = self._kept[key] = _Kept(qp, self._settings, self._unit_rows)
             if len(self._kept) > self._capacity:
                 self._kept.popitem(last=False)
         else:
@@ -100,20 +105,33 @@ kept_workspace = cache(Workspace)
 class _Kept:
     """One OSQP workspace and the pattern it was set up for."""
 
-    def __init__(self, qp: QP, settings: dict[str, Any]) -> None:
+    def __init__(self, qp: QP, settings: dict[str, Any], unit_rows: bool) -> None:
         self._pattern = (qp.P.indptr, qp.P.indices, qp.A.indptr, qp.A.indices)
         self._p_column = _columns(qp.P)
         self._a_column = _columns(qp.A)
         self._off_diagonal = 0.5 + 0.5 * (self._p_column != qp.P.indices)
+        self._unit_rows = unit_rows
+        scale = self._row_scale(qp)
+        a = Csc((qp.A.shape[0], qp.A.shape[1]), qp.A.data * scale[qp.A.indices], qp.A.indices, qp.A.indptr)
         self._osqp = osqp.OSQP()
-        self._osqp.setup(_matrix(qp.P), qp.q, _matrix(qp.A), qp.l, qp.u, **settings)
+        self._osqp.setup(_matrix(qp.P), qp.q, _matrix(a), qp.l * scale, qp.u * scale, **settings)
+
+    def _row_scale(self, qp: QP) -> Floats:
+        """What each row of A is multiplied by."""
+        if not self._unit_rows:
+            return np.ones(qp.A.shape[0])
+        squares = np.bincount(qp.A.indices, qp.A.data**2, minlength=qp.A.shape[0])
+        return np.asarray(1.0 / np.sqrt(np.where(squares > 0.0, squares, 1.0)))
 
     def update(self, qp: QP) -> None:
         """Take the values of another program of the same pattern."""
         given = (qp.P.indptr, qp.P.indices, qp.A.indptr, qp.A.indices)
         if not all(map(np.array_equal, given, self._pattern)):
             raise ValueError("a program with another sparsity pattern under the same key")
-        self._osqp.update(q=qp.q, l=qp.l, u=qp.u, Px=qp.P.data, Ax=qp.A.data)
+        scale = self._row_scale(qp)
+        self._osqp.update(
+            q=qp.q, l=qp.l * scale, u=qp.u * scale, Px=qp.P.data, Ax=qp.A.data * scale[qp.A.indices]
+        )  # fmt: skip
 
     def run(self, start: Floats) -> tuple[Floats, int]:
         """(x, iterations) from `start` and y = 0; x is not a number where the solver gives none."""

@@ -275,8 +275,8 @@ MUTANTS = (
     Mutant(
         "a rear-end bound that ignores the leader's length",
         f"{CORE}/horizon.py",
-        "gap = task.s[y] - task.s[x] - task.length[x] - rules.rear_gap",
-        "gap = task.s[y] - task.s[x] - rules.rear_gap",
+        "gap = task.s[1:] - task.s[:-1] - task.length[:-1] - rules.rear_gap",
+        "gap = task.s[1:] - task.s[:-1] - rules.rear_gap",
         f"{UNIT}/test_horizon.py::test_a_follower_keeps_its_distance",
     ),
     Mutant(

@@ -5,7 +5,7 @@ DEMO_SECONDS ?= 60
 BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 
-.PHONY: help demo test lint explore figures
+.PHONY: help demo test lint explore figures any-junction
 
 help:
 	@echo "make demo     manager and vehicles as two processes, 6,000 veh/h, DEMO_SECONDS=$(DEMO_SECONDS) simulated seconds"
@@ -13,6 +13,7 @@ help:
 	@echo "make lint     ruff, mypy, import-linter"
 	@echo "make explore  the property tests on new random cases, many more of them"
 	@echo "make figures  the measured tables of docs/results; takes hours"
+	@echo "make any-junction  other junctions against their own control; half an hour"
 
 demo: .venv/installed
 	@$(BIN)/python deploy/demo.py --seconds $(DEMO_SECONDS)
@@ -28,6 +29,9 @@ lint: .venv/installed-dev
 
 explore: .venv/installed-dev
 	$(BIN)/pytest tests/property tests/unit --hypothesis-profile=explore
+
+any-junction: .venv/installed
+	$(BIN)/python tests/load/any_junction.py
 
 figures: .venv/installed
 	$(BIN)/python tests/load/sweep.py

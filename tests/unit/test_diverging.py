@@ -10,10 +10,11 @@ import pytest
 from builders import snapshot
 from plain_nets import build_plain
 from shapely.geometry import LineString
+from sites import site
 
 from gameopt_im.core import interlock
 from gameopt_im.core.conflicts import Ground, ground
-from gameopt_im.core.diverging import APART_M
+from gameopt_im.core.diverging import APART_M, spans
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.reservations import Book
 from gameopt_im.core.snapshot import Snapshot
@@ -79,3 +80,23 @@ def test_one_who_is_about_to_turn_off_hides_nobody(one_lane: IntersectionMap, cr
     limits = interlock.limits(cars, crossing, Book(), Parameters().exit)
     assert sorted(limits.leaders[2].tolist()) == [-1, 0, 1]
     assert limits.leader[2] == 1
+
+
+def test_who_turns_back_keeps_its_lane_for_longer() -> None:
+    """A truck's front is back beside its own lane before its tail has left it; a car's hardly is."""
+    length, path_m = np.array([10.0, 4.0, 10.0]), np.array([4.7, 4.7, 4.7])
+    assert spans(length, path_m, np.array([True, True, False])).tolist() == [pytest.approx(15.3), 4.0, 10.0]
+
+
+def test_and_those_behind_wait_further_back(tmp_path: Path) -> None:
+    """In SUMO's square, whose U-turns are 5 m long, a truck once swept the front of the car that waited behind it."""
+    place = site("square", tmp_path)
+    found = read_map(place.net, place.junction)
+    square = ground(found, "areas", 25.0, turn_speed=True)
+    turns = of_lane(found, 0)
+    follow = []
+    for leader in ("turnaround", "left"):
+        cars = snapshot(s=[-9.8, 12.0], v=[4.0, 4.0], length=[10.0, 5.0], movement=[turns[leader], turns["right"]])
+        cars = replace(cars, lane=square.lane[cars.movement])
+        follow.append(float(interlock.limits(cars, square, Book(), Parameters().exit).follow[1]))
+    assert follow[0] < follow[1] - 1.0

@@ -63,6 +63,7 @@ class Ground:
     `free` marks movements that conflict with nobody.
     `apart` (M, M) is where the rear on the second of two movements out of one lane stands clear of the first (inf for
     any other two), `rank` the how manieth of its lane a movement is.
+    `turns_back` marks U-turns.
     """
 
     conflict: Bools
@@ -81,6 +82,7 @@ class Ground:
     free: Bools
     apart: Floats
     rank: Ints
+    turns_back: Bools
 
 
 def ground(intersection: IntersectionMap, geometry: Geometry, lateral_margin_m: float, turn_speed: bool) -> Ground:
@@ -131,6 +133,7 @@ def ground(intersection: IntersectionMap, geometry: Geometry, lateral_margin_m: 
         free=np.logical_not(conflict.any(axis=1)),
         apart=apart(intersection),
         rank=ranks(intersection),
+        turns_back=np.array([movement.intention == "turnaround" for movement in movements], dtype=np.bool_),
     )
 
 

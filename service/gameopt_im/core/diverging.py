@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gameopt_im.core.snapshot import Floats, Ints
+from gameopt_im.core.snapshot import Bools, Floats, Ints
 from gameopt_wire.intersection import IntersectionMap
 
 APART_M = 2.8
@@ -29,6 +29,15 @@ def apart(intersection: IntersectionMap) -> Floats:
                 clear = np.flatnonzero(_distances(points, np.array(first.path)) >= APART_M)
                 out[i, j] = along[clear[0]] if len(clear) else second.length_m
     return out
+
+
+def spans(length: Floats, path_m: Floats, turns_back: Bools) -> Floats:
+    """(n,): how long a vehicle is to those behind it in its lane, m.
+
+    One that turns back stands beside its own lane with all of its body that its path over the junction does not hold:
+    in a narrow turn it sweeps that much of the lane it came from.
+    """
+    return np.asarray(length + np.where(turns_back, np.maximum(0.0, length - path_m), 0.0))
 
 
 def ranks(intersection: IntersectionMap) -> Ints:

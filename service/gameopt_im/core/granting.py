@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gameopt_im.core.conflicts import Ground
+from gameopt_im.core.diverging import spans
 from gameopt_im.core.followers import holds_up
 from gameopt_im.core.interlock import EXITING, INTRUDING, UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER
@@ -144,14 +145,24 @@ def leaders_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, e
     bound = ground.exit_lane[snapshot.movement]
     merging = (snapshot.lane != snapshot.lane[i]) & (bound == bound[i]) & (limits.phase != UNCLEARED)
     found = [
-        _leader_rows(snapshot, book, exits, int(j), own - float(ground.length[snapshot.movement[j]]), own, None)
+        _leader_rows(
+            snapshot,
+            book,
+            exits,
+            int(j),
+            float(snapshot.length[j]),
+            own - float(ground.length[snapshot.movement[j]]),
+            own,
+            None,
+        )
         for j in np.flatnonzero(merging)
     ]
     if (ahead := stranger_rows(snapshot, i)) is not None:
         found.append(ahead)
+    span = spans(snapshot.length, ground.length[snapshot.movement], ground.turns_back[snapshot.movement])
     for j in limits.leaders[i][limits.leaders[i] >= 0]:
         parted = float(ground.apart[snapshot.movement[i], snapshot.movement[j]])
-        found.append(_leader_rows(snapshot, book, exits, int(j), 0.0, own, parted))
+        found.append(_leader_rows(snapshot, book, exits, int(j), float(span[j]), 0.0, own, parted))
     if not found:
         return NOBODY
     room, v, late_room, late_v, b = zip(*found, strict=True)
@@ -163,9 +174,16 @@ NOBODY = Leaders(_FAR, _FAR, _FAR, _FAR, np.ones(1))
 
 
 def _leader_rows(
-    snapshot: Snapshot, book: Book, exits: Ways, j: int, shift: float, merge_at: float, parted_at: float | None
+    snapshot: Snapshot,
+    book: Book,
+    exits: Ways,
+    j: int,
+    span: float,
+    shift: float,
+    merge_at: float,
+    parted_at: float | None,
 ) -> Rows:
-    """(room, v, worst-case room, worst-case v, b) behind vehicle j.
+    """(room, v, worst-case room, worst-case v, b) behind vehicle j, which is `span` long.
 
     No limit before it has merged, or, out of the same lane, once its rear is past where the two part.
     """
@@ -181,7 +199,7 @@ def _leader_rows(
     else:
         x, v = resting(-float(snapshot.s[j]), float(snapshot.v[j]), b, brake=False)
         late_x, late_v = resting(-float(snapshot.s[j]), float(snapshot.v[j]), b, brake=True)
-    back = float(snapshot.length[j]) + motion.REAR_GAP_M - shift
+    back = span + motion.REAR_GAP_M - shift
     room, late_room = x - back, late_x - back
     if parted_at is None:
         room = np.where(x + shift >= merge_at, room, NEVER)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gameopt_im.core.conflicts import Ground
+from gameopt_im.core.diverging import spans
 from gameopt_im.core.kinematics import NEVER, kernel
 from gameopt_im.core.parameters import Exit
 from gameopt_im.core.profiles import RULE_TOLERANCE_MPS
@@ -220,8 +221,9 @@ def limits(snapshot: Snapshot, ground: Ground, book: Book, exit_parameters: Exit
     downstream = exit_leaders(ground.exit_lane[movement], along, worst_x - ground.length[movement])
     nothing = np.zeros(len(snapshot))
     follow = np.full(len(snapshot), NEVER)
+    span = spans(snapshot.length, ground.length[movement], ground.turns_back[movement])
     for each in leaders.T:
-        follow = np.minimum(follow, follow_limit(x, v, snapshot.length, b, worst_x, worst_v, each.copy(), nothing))
+        follow = np.minimum(follow, follow_limit(x, v, span, b, worst_x, worst_v, each.copy(), nothing))
     near = np.where(along >= -30.0, downstream, -1)
     offset = -ground.length[movement]
     follow = np.minimum(follow, follow_limit(x, v, snapshot.length, b, worst_x, worst_v, near, offset))

@@ -8,9 +8,9 @@ from itertools import combinations
 from pathlib import Path
 
 import pytest
-from shapely import affinity
-from shapely.geometry import LineString, Point, Polygon, box
+from shapely.geometry import LineString, Point
 from shapely.ops import unary_union
+from swept import body
 
 from gameopt_sumo.network import NetworkError, map_json, packaged_map, read_map, without_turn_speeds
 from gameopt_sumo.scenarios import four_arm_map, sumo_binary, write_net
@@ -97,17 +97,6 @@ def test_right_turns_are_taken_at_city_speed(maps: dict[int, IntersectionMap]) -
     speeds = {m.turn_speed_mps for m in maps[3].movements if m.intention == "right"}
     assert all(speed is not None and 6.0 <= speed <= 9.0 for speed in speeds)
     assert all(m.turn_speed_mps is None for m in without_turn_speeds(maps[3]).movements)
-
-
-def body(line: LineString, front_m: float, length_m: float, width_m: float) -> Polygon:
-    """A grown body from the front bumper back along its chord of `line`, at its full length."""
-    front, rear = line.interpolate(front_m), line.interpolate(front_m - length_m)
-    chord = front.distance(rear)
-    flat = box(-length_m - 0.3, -width_m / 2 - 0.3, 0.3, width_m / 2 + 0.3)
-    x, y = front.x - rear.x, front.y - rear.y
-    turned = affinity.affine_transform(flat, [x / chord, -y / chord, y / chord, x / chord, front.x, front.y])
-    assert isinstance(turned, Polygon)
-    return turned
 
 
 def long_line(movement_path: list[tuple[float, float]]) -> LineString:

@@ -1,0 +1,70 @@
+"""The conflict areas of junctions of any shape, against bodies that shapely carries along the net's own lanes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from plain_nets import NAMES, build_plain
+from shapely.geometry import LineString
+from shapely.ops import unary_union
+from swept import body
+
+from gameopt_sumo.junction import read_net
+from gameopt_sumo.network import read_map
+from gameopt_wire.intersection import ConflictArea, IntersectionMap
+
+STEP_M = 0.1
+UPSTREAM_M = 8.0
+EVERY = 5
+"""One conflict area in so many is looked at."""
+
+
+def whole_line(net: Any, found: IntersectionMap, index: int) -> tuple[LineString, float]:
+    """Approach lane, path and exit lane as the net draws them, and how far along the stop line is."""
+    movement = found.movements[index]
+    before = net.getLane(found.lanes[movement.lane].id).getShape()
+    after = net.getLane(movement.exit_lane).getShape()
+    return LineString([*before, *movement.path, *after]), LineString(before).length
+
+
+def check(net: Any, found: IntersectionMap, area: ConflictArea, f: int, g: int) -> None:
+    """The window of `a` is never short by more than 1 cm, nor longer than 0.6 m."""
+    window = area.a_windows_m[f][g]
+    assert window is not None
+    size, other_size = found.footprints[f], found.footprints[g]
+    (line, at_m), (other_line, other_at_m) = (whole_line(net, found, index) for index in (area.a, area.b))
+    reach = UPSTREAM_M + other_size.length_m + found.movements[area.b].length_m
+    fronts = [other_at_m - UPSTREAM_M + STEP_M * k for k in range(int(reach / STEP_M))]
+    ground = unary_union([body(other_line, x, other_size.length_m, other_size.width_m) for x in fronts])
+    near = [window[0] + STEP_M * k for k in range(-10, 11)]
+    near += [window[1] + size.length_m + STEP_M * k for k in range(-10, 11)]
+    # The map sweeps a body until its rear stands on the exit lane; see the README's limits.
+    swept_to_m = found.movements[area.a].length_m + size.length_m + 0.3
+    touched = [
+        x for x in near if x <= swept_to_m and body(line, at_m + x, size.length_m, size.width_m).intersects(ground)
+    ]
+    assert touched[0] - 0.6 - STEP_M <= window[0] <= touched[0] + 0.01
+    rear_m = touched[-1] - size.length_m
+    assert rear_m - 0.01 <= window[1] <= rear_m + 0.6 + STEP_M
+
+
+def drawn_to_scale(found: IntersectionMap, area: ConflictArea) -> bool:
+    """Whether SUMO counts both paths as long as it draws them; lanes side by side share one length."""
+    paths = (found.movements[index] for index in (area.a, area.b))
+    return all(abs(LineString(each.path).length - each.length_m) < 0.02 for each in paths)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_windows_cover_the_swept_ground(tmp_path: Path, name: str) -> None:
+    net_file = build_plain(name, tmp_path)
+    net, found = read_net(net_file), read_map(net_file)
+    crossing = [area for area in found.areas if not area.merge and not area.beside]
+    looked_at = 0
+    for area in [area for area in crossing if drawn_to_scale(found, area)][::EVERY]:
+        for f, g in ((0, 0), (2, 2)):
+            if area.a_windows_m[f][g] is not None and area.a_windows_m[f][g][0] > -UPSTREAM_M + 1.0:
+                check(net, found, area, f, g)
+                looked_at += 1
+    assert looked_at >= 1

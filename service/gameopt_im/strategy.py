@@ -99,7 +99,7 @@ class DefaultProfile:
         """The approach law's own next speeds, where no program has a solution."""
         speeds, _, _ = horizon.reference(
             problem.s, problem.v, option.slots, problem.a, problem.b, problem.top, problem.line_cap,
-            self._rules.decels, self._rules.slowest, np.array([STEP_S]),
+            self._rules.manner, np.array([STEP_S]),
         )  # fmt: skip
         return np.asarray(speeds[:, 0])
 

@@ -9,7 +9,7 @@ from builders import ACROSS, GROUND, OTHER, limits_of, snapshot
 from gameopt_im.core import interlock
 from gameopt_im.core.granting import NO_SLOT, Grants, grant
 from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
-from gameopt_im.core.kinematics import NEVER
+from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.profiles import HORIZON, STOP_PLAY_M, clear_time, drive, held_back, overlap, resting
 from gameopt_im.core.reservations import Book, clash
@@ -158,7 +158,7 @@ def drive_behind(room_m: float) -> int:
     body, way = (5.0, 2.6, 4.5, 15.0, 15.0), (NEVER, 21.0, 22.0, 15.0, 1.0)
     x, v = np.empty(HORIZON), np.empty(HORIZON)
     lead_v, lead_b = np.zeros((1, HORIZON)), np.array([4.5])
-    done = drive(0.0, 15.0, NO_SLOT, body, way, (1.0, 3.4), 0.5, room, lead_v, lead_b, x, v)
+    done = drive(0.0, 15.0, NO_SLOT, body, way, Manner((1.0, 3.4), 0.5, 1.0), room, lead_v, lead_b, x, v)
     if done >= 0:
         assert x[int(3.0 / STEP_S) - 1] <= room_m + STOP_PLAY_M
     return int(done)

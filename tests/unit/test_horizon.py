@@ -12,14 +12,15 @@ from scipy.sparse import csc_matrix
 
 from gameopt_im.core import horizon
 from gameopt_im.core.horizon import SLACK_MPS, HorizonRules, HorizonTask
-from gameopt_im.core.kinematics import NEVER
+from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.core.program import Sparse
 from gameopt_im.core.snapshot import Floats
 
 BLOCKS = (0.5, 0.5, 1.0)
 ENDS = np.cumsum(BLOCKS)
 H = len(BLOCKS)
-RULES = HorizonRules(blocks=BLOCKS, trade_off=0.7, rear_gap=2.0, decels=(1.0, 1.5, 2.25, 3.4), slowest=0.5)
+MANNER = Manner(decels=(1.0, 1.5, 2.25, 3.4), slowest=0.5, line_share=0.9)
+RULES = HorizonRules(blocks=BLOCKS, trade_off=0.7, rear_gap=2.0, manner=MANNER)
 SLOTS = np.array([6.0, 9.0, 7.0])
 TASK = HorizonTask(
     counts=(2, 1),
@@ -129,9 +130,9 @@ def test_the_corridor_by_hand() -> None:
 
 def test_the_corridor_bounds_the_way_of_the_program() -> None:
     qp = built()
-    line = horizon.reference(
-        TASK.s, TASK.v, SLOTS, TASK.a, TASK.b, TASK.top, TASK.line_cap, RULES.decels, RULES.slowest, np.array(BLOCKS)
-    )[1]
+    line = horizon.reference(TASK.s, TASK.v, SLOTS, TASK.a, TASK.b, TASK.top, TASK.line_cap, MANNER, np.array(BLOCKS))[
+        1
+    ]
     least, most = horizon.corridor(TASK, SLOTS, line, ENDS)
     start, way = 0.5 * BLOCKS[0] * TASK.v[:, None], ways(TASK, qp.reference)
     assert np.count_nonzero(least < way) > H

@@ -8,12 +8,12 @@ import numpy as np
 
 from gameopt_im.core import horizon
 from gameopt_im.core.horizon import HorizonRules, HorizonTask
-from gameopt_im.core.kinematics import NEVER
+from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.solver import horizon_job
 from gameopt_im.solver.horizon_job import HorizonJob
 from gameopt_im.solver.jobs import Outcome, solve
 
-RULES = HorizonRules(blocks=(0.5, 0.5, 1.0), trade_off=0.7, rear_gap=2.0, decels=(1.0, 3.4), slowest=0.5)
+RULES = HorizonRules(blocks=(0.5, 0.5, 1.0), trade_off=0.7, rear_gap=2.0, manner=Manner((1.0, 3.4), 0.5, 0.9))
 TASK = HorizonTask(
     counts=(2, 1), s=np.array([60.0, 80.0, 70.0]), v=np.array([10.0, 10.0, 12.0]), length=np.full(3, 5.0),
     a=np.full(3, 2.0), b=np.full(3, 4.5), top=np.full(3, 20.0), line_cap=np.full(3, 20.0), ps=np.ones(3),

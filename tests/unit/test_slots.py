@@ -43,7 +43,8 @@ def dispatched(problem: Demand, rules: Rules) -> tuple[list[int], np.ndarray]:
 
 
 def test_vehicles_of_one_lane_follow_at_their_headway() -> None:
-    order, slots = dispatched(demand([100.0, 105.0, 110.0], []), RULES)
+    at_full_speed = RULES._replace(manner=RULES.manner._replace(line_share=1.0))
+    order, slots = dispatched(demand([100.0, 105.0, 110.0], []), at_full_speed)
     assert order == [0, 1, 2]
     assert slots[0] == pytest.approx(100.0 / 20.0)
     assert np.diff(slots) == pytest.approx([(LENGTH_M + 2.0) / 20.0 + RULES.headway_s] * 2)

@@ -10,7 +10,7 @@ from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.diverging import spans
 from gameopt_im.core.followers import holds_up
 from gameopt_im.core.interlock import EXITING, INTRUDING, UNCLEARED, Limits
-from gameopt_im.core.kinematics import NEVER
+from gameopt_im.core.kinematics import NEVER, manner_of
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.profiles import HORIZON, clear_time, drive, held_back, resting
 from gameopt_im.core.reservations import Book, Reservation, Stack, clash
@@ -287,7 +287,7 @@ def _ways(
     )
     x, v, late_x, late_v = (np.empty(HORIZON) for _ in range(4))
     nominal = drive(
-        -float(snapshot.s[i]), float(snapshot.v[i]), slot, body, way, planner.decels_mps2, planner.min_cruise_mps,
+        -float(snapshot.s[i]), float(snapshot.v[i]), slot, body, way, manner_of(planner),
         leaders.room, leaders.v, leaders.b, x, v,
     )  # fmt: skip
     if nominal < 0:

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from gameopt_im.core.kinematics import NEVER, approach, approach_speed, kernel
+from gameopt_im.core.kinematics import NEVER, Manner, approach, approach_speed, kernel
 from gameopt_im.core.program import QP, Csc
 from gameopt_im.core.snapshot import Floats
 from gameopt_wire import motion
@@ -60,8 +60,7 @@ class HorizonRules:
     blocks: tuple[float, ...]
     trade_off: float
     rear_gap: float
-    decels: tuple[float, ...]
-    slowest: float
+    manner: Manner
 
 
 @lru_cache(maxsize=512)
@@ -128,15 +127,14 @@ def reference(
     b: Floats,
     top: Floats,
     cap: Floats,
-    decels: tuple[float, ...],
-    slowest: float,
+    manner: Manner,
     blocks: Floats,
 ) -> tuple[Floats, Floats, Floats]:
     """(speeds at block ends (n, H), line speed (n,), first rate (n,)) of each vehicle driving the approach law."""
     n, h = s.shape[0], blocks.shape[0]
     out, line, first = np.empty((n, h)), np.empty(n), np.empty(n)
     for i in range(n):
-        plan = approach(s[i], v[i], slot[i], a[i], b[i], top[i], cap[i], decels, slowest)
+        plan = approach(s[i], v[i], slot[i], a[i], b[i], top[i], cap[i], manner)
         line[i], first[i] = plan[2], plan[1]
         turn_b = min(motion.TURN_DECEL_MPS2, b[i])
         room, speed, k = s[i], v[i], 0
@@ -190,9 +188,7 @@ def build(task: HorizonTask, rules: HorizonRules, slot: Floats) -> list[tuple[QP
     blocks = np.array(rules.blocks)
     ends = np.cumsum(blocks)
     n, h = len(task.s), len(blocks)
-    u_ref, line, rate = reference(
-        task.s, task.v, slot, task.a, task.b, task.top, task.line_cap, rules.decels, rules.slowest, blocks
-    )
+    u_ref, line, rate = reference(task.s, task.v, slot, task.a, task.b, task.top, task.line_cap, rules.manner, blocks)
     start = 0.5 * blocks[0] * task.v[:, None]
     p_ref = u_ref @ way_matrix(rules.blocks).T + start
     least, most = corridor(task, slot, line, ends)
@@ -201,7 +197,8 @@ def build(task: HorizonTask, rules: HorizonRules, slot: Floats) -> list[tuple[QP
     high = (np.maximum(most, p_ref) - start) / ends + SLACK_MPS
 
     change = np.diff(u_ref, axis=1, prepend=task.v[:, None])
-    brake = np.maximum(np.maximum(-rate, rules.decels[min(1, len(rules.decels) - 1)]), 0.0)[:, None]
+    decels = rules.manner.decels
+    brake = np.maximum(np.maximum(-rate, decels[min(1, len(decels) - 1)]), 0.0)[:, None]
     slower = np.minimum(-brake * blocks, change) - SLACK_MPS
     faster = np.maximum(task.a[:, None] * blocks, change) + SLACK_MPS
     slower[:, 0] += task.v

@@ -9,10 +9,12 @@ line speed, which is reached at the line.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 from numba.extending import register_jitable
 
+from gameopt_im.core.parameters import Planner
 from gameopt_wire import motion
 
 kernel = numba.njit(cache=True)
@@ -23,6 +25,25 @@ for _rule in (motion.brake_speed, motion.stop_speed, motion.turn_speed, motion.f
 NEVER = 1e9
 """A time or distance that lies beyond every horizon, s or m."""
 BISECTIONS = 30
+
+
+class Manner(NamedTuple):
+    """How vehicles approach: decelerations tried, softest first (m/s^2), a cruise below which they stop (m/s).
+
+    Who has to wait anyway aims at no more than `line_share` of its top speed at the line: the last metres per second
+    take the most fuel.
+    """
+
+    decels: tuple[float, ...]
+    slowest: float
+    line_share: float
+
+
+def manner_of(planner: Planner) -> Manner:
+    """The manner of approach from the configuration."""
+    return Manner(planner.decels_mps2, planner.min_cruise_mps, planner.line_share)
+
+
 TOO_SOFT_S = 0.02
 """A deceleration that would arrive this much before the slot is too soft for it."""
 
@@ -46,10 +67,14 @@ def peak_speed(s: float, v: float, a: float, top: float, line: float, turn_b: fl
 
 @kernel
 def plan_at(
-    s: float, v: float, h: float, d: float, a: float, line: float, turn_b: float
+    s: float, v: float, h: float, d: float, a: float, line: float, turn_b: float, aim: float
 ) -> tuple[float, float, float, float, float]:
-    """The plan with cruise speed h and first deceleration d; arrival time -1: d is too soft for s."""
+    """The plan with cruise speed h and first deceleration d; arrival time -1: d is too soft for s.
+
+    From a slower cruise it accelerates to `aim`, from a faster one it brakes to `line` at most.
+    """
     rate = -d if h < v else a
+    line = min(line, max(h, aim))
     first = (h * h - v * v) / (2.0 * rate)
     rest = s - first
     if rest < 0.0:
@@ -78,7 +103,7 @@ def earliest_arrival(s: float, v: float, a: float, top: float, line: float, turn
     if s <= 0.0:
         return 0.0, v
     h = max(peak_speed(s, v, a, top, line, turn_b), min(v, top))
-    plan = plan_at(s, v, h, turn_b, a, line, turn_b)
+    plan = plan_at(s, v, h, turn_b, a, line, turn_b, line)
     if plan[4] < 0.0:
         return s / max(v, 0.1), v
     return plan[4], plan[2]
@@ -95,25 +120,26 @@ def cruise_for(
     line: float,
     turn_b: float,
     slowest: float,
+    aim: float,
 ) -> tuple[float, float, float, float, float]:
     """The plan that arrives at `time` when first braking at d: h by bisection (arrival falls as h grows)."""
     high = max(peak_speed(s, v, a, top, line, turn_b), min(v, top))
-    plan = plan_at(s, v, high, d, a, line, turn_b)
+    plan = plan_at(s, v, high, d, a, line, turn_b, aim)
     if plan[4] >= time:
         return plan
-    stopped = plan_at(s, v, slowest, d, a, line, turn_b)
+    stopped = plan_at(s, v, slowest, d, a, line, turn_b, aim)
     if 0.0 <= stopped[4] <= time:
         # so late a slot that the vehicle stops on the way and waits
         return 0.0, stopped[1], stopped[2], 0.0, stopped[4]
     low = slowest
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        plan = plan_at(s, v, middle, d, a, line, turn_b)
+        plan = plan_at(s, v, middle, d, a, line, turn_b, aim)
         if plan[4] < 0.0 or plan[4] > time:
             low = middle
         else:
             high = middle
-    plan = plan_at(s, v, high, d, a, line, turn_b)
+    plan = plan_at(s, v, high, d, a, line, turn_b, aim)
     if plan[4] < time - TOO_SOFT_S:
         return plan[0], plan[1], plan[2], plan[3], -1.0
     return plan
@@ -128,26 +154,26 @@ def approach(
     b: float,
     top: float,
     line: float,
-    decels: tuple[float, ...],
-    slowest: float,
+    manner: Manner,
 ) -> tuple[float, float, float, float, float]:
     """The plan for a slot `time` seconds ahead: wait upstream, arrive fast.
 
-    The softest deceleration that still reaches the full line speed; where none does, the one that reaches the
+    The softest deceleration that still reaches the line speed aimed at; where none does, the one that reaches the
     highest. Rates are negative when braking.
     """
+    aim = min(line, manner.line_share * top)
     turn_b = min(motion.TURN_DECEL_MPS2, b)
     room = max(s - motion.STOP_OFFSET_M - v * v / (2.0 * b), 0.0) + motion.STOP_OFFSET_M
-    best = (slowest, -b, min(line, math.sqrt(2.0 * a * room)), 0.0, time)
+    best = (manner.slowest, -b, min(line, math.sqrt(2.0 * a * room)), 0.0, time)
     best_line = -1.0
-    for d in decels:
-        plan = cruise_for(s, v, time, min(d, b), a, top, line, turn_b, slowest)
+    for d in manner.decels:
+        plan = cruise_for(s, v, time, min(d, b), a, top, line, turn_b, manner.slowest, aim)
         if plan[4] < 0.0:
             continue
         if plan[2] > best_line + 1e-9:
             best = plan
             best_line = plan[2]
-        if plan[2] >= line - 1e-6:
+        if plan[2] >= aim - 1e-6:
             break
     return best
 

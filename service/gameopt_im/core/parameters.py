@@ -125,6 +125,9 @@ class Planner(Section, frozen=True, kw_only=True):
         float,
         Meta(ge=0, le=10, description="selection's weight of the squared time after that, at the slot (1/s)"),
     ] = 0.05
+    line_share: Annotated[
+        float, Meta(ge=0.3, le=1, description="share of the limit that a delayed vehicle aims for at its line (1)")
+    ] = 0.9
     min_cruise_mps: Annotated[
         float, Meta(ge=0.1, le=5, description="an approach slower than this stops instead (m/s)")
     ] = 0.5

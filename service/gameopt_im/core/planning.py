@@ -11,7 +11,7 @@ from gameopt_im.core import auction, bids
 from gameopt_im.core.conflicts import Ground, groups
 from gameopt_im.core.horizon import HorizonRules, HorizonTask
 from gameopt_im.core.interlock import UNCLEARED, Limits
-from gameopt_im.core.kinematics import NEVER
+from gameopt_im.core.kinematics import NEVER, manner_of
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.profiles import time_at
 from gameopt_im.core.reservations import Book, Stack, blocked_windows, crossing_time
@@ -157,8 +157,7 @@ def rules_of(parameters: Parameters) -> Rules:
         margin_m=interlock.margin_m,
         extra_s=planner.margin_s - interlock.margin_s,
         headway_s=planner.headway_s,
-        slowest=planner.min_cruise_mps,
-        decels=planner.decels_mps2,
+        manner=manner_of(planner),
         hold_weight=planner.hold_weight,
     )
 
@@ -239,8 +238,7 @@ def horizon_rules(parameters: Parameters) -> HorizonRules:
         blocks=parameters.program.blocks_s,
         trade_off=parameters.program.lambda_,
         rear_gap=parameters.program.rear_gap_m,
-        decels=parameters.planner.decels_mps2,
-        slowest=parameters.planner.min_cruise_mps,
+        manner=manner_of(parameters.planner),
     )
 
 

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from gameopt_im.core.kinematics import NEVER, approach, approach_speed, kernel
+from gameopt_im.core.kinematics import NEVER, Manner, approach, approach_speed, kernel
 from gameopt_im.core.snapshot import Floats
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
@@ -50,8 +50,7 @@ def drive(
     slot: float,
     body: tuple[float, float, float, float, float],
     way: tuple[float, float, float, float, float],
-    decels: tuple[float, ...],
-    slowest: float,
+    manner: Manner,
     lead_room: Floats,
     lead_v: Floats,
     lead_b: Floats,
@@ -72,7 +71,7 @@ def drive(
     turn_b = min(motion.TURN_DECEL_MPS2, b)
     h, rate = top, a
     if ahead <= 0.0 and x0 < 0.0:
-        plan = approach(-x0, v0, slot, a, b, top, cap, decels, slowest)
+        plan = approach(-x0, v0, slot, a, b, top, cap, manner)
         h, rate = plan[0], plan[1]
     x[0], v[0] = x0, v0
     done = -1

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gameopt_im.core.kinematics import NEVER, approach, earliest_arrival, kernel, time_past_line
+from gameopt_im.core.kinematics import NEVER, Manner, approach, earliest_arrival, kernel, time_past_line
 from gameopt_im.core.snapshot import Floats, Ints
 from gameopt_wire import motion
 
@@ -54,8 +54,7 @@ class Rules(NamedTuple):
     margin_m: float
     extra_s: float
     headway_s: float
-    slowest: float
-    decels: tuple[float, ...]
+    manner: Manner
     hold_weight: float
 
 
@@ -79,8 +78,7 @@ def settle(
                 demand.b[i],
                 demand.top[i],
                 demand.line_cap[i],
-                rules.decels,
-                rules.slowest,
+                rules.manner,
             )[2]
         speed = max(speed, 0.5)
         margin = max(rules.margin_s, rules.margin_m / speed + rules.extra_s)

@@ -9,6 +9,8 @@ import numpy as np
 
 from gameopt_im.core import horizon
 from gameopt_im.core.horizon import HorizonRules, HorizonTask
+from gameopt_im.core.kinematics import manner_of
+from gameopt_im.core.parameters import Planner
 from gameopt_im.core.program import QP, Csc
 from gameopt_im.core.snapshot import Floats
 from gameopt_im.solver.jobs import Job, Outcome
@@ -89,5 +91,5 @@ def warm_up() -> list[Job]:
         pv=one,
         room=np.full((2, 2), 1e9),
     )
-    rules = HorizonRules((1.0, 1.0), 0.7, 2.0, (1.0, 1.5, 2.25, 3.4), 0.5)
+    rules = HorizonRules((1.0, 1.0), 0.7, 2.0, manner_of(Planner()))
     return [HorizonJob(task, rules, np.array([5.0, 7.0]), 1e-3)]

@@ -23,6 +23,8 @@ SAMPLE_STEP_M = 0.25
 """Distance between two sampled poses; windows are widened by it, so nothing between two samples is missed."""
 UPSTREAM_M = 8.0
 """Sweeping begins this far before the stop line: a turning tail reaches over the lane beside it."""
+DOWNSTREAM_M = 8.0
+"""Sweeping goes on this far beyond a rear on the exit lane: who turns out of the arm beside may cut over it there."""
 BODY_MARGIN_M = 0.3
 """Bodies are grown by this all round before they are swept."""
 LANE_SLACK_M = 0.01
@@ -89,7 +91,7 @@ def bodies(track: Track, fronts_m: Floats, length_m: float, width_m: float, side
 
 @dataclass(frozen=True)
 class Sweep:
-    """One body carried over the conflict zone: from a little before the stop line to its rear on the exit lane."""
+    """One body carried over the conflict zone: from before the stop line to its rear well down the exit lane."""
 
     track: Track
     length_m: float
@@ -100,7 +102,7 @@ class Sweep:
     @cached_property
     def fronts_m(self) -> Floats:
         """The sampled front positions past the stop line."""
-        end = self.length_m + self.footprint.length_m + BODY_MARGIN_M
+        end = self.length_m + self.footprint.length_m + DOWNSTREAM_M
         return np.arange(-UPSTREAM_M, end + SAMPLE_STEP_M, SAMPLE_STEP_M)
 
     @cached_property

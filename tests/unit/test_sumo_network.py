@@ -123,16 +123,26 @@ def test_windows_cover_the_swept_ground(maps: dict[int, IntersectionMap], a: str
     moved, other = maps[3].movements[area.a], maps[3].movements[area.b]
     size, other_size = maps[3].footprints[f], maps[3].footprints[g]
     line, other_line = long_line(moved.path), long_line(other.path)
-    other_fronts = [52.0 + 0.05 * i for i in range(int((other.length_m + other_size.length_m + 8.5) / 0.05))]
+    other_fronts = [52.0 + 0.05 * i for i in range(int((other.length_m + other_size.length_m + 16.0) / 0.05))]
     ground = unary_union([body(other_line, x, other_size.length_m, other_size.width_m) for x in other_fronts])
 
-    fronts = [0.05 * i - 8.0 for i in range(int((moved.length_m + size.length_m + 8.5) / 0.05))]
+    fronts = [0.05 * i - 8.0 for i in range(int((moved.length_m + size.length_m + 16.0) / 0.05))]
     touched = [x for x in fronts if body(line, 60.0 + x, size.length_m, size.width_m).intersects(ground)]
 
     window = area.a_windows_m[f][g]
     assert window is not None
     assert touched[0] - 0.6 <= window[0] <= touched[0] + 0.01
     assert touched[-1] - size.length_m - 0.01 <= window[1] <= touched[-1] - size.length_m + 0.6
+
+
+def test_the_sweep_goes_on_until_nobody_cuts_over_the_exit_any_more(maps: dict[int, IntersectionMap]) -> None:
+    """A truck that turns left out of the arm beside an exit lane cuts over its first metres, up to 5 m for two."""
+    beyond = 0.0
+    for area in (area for area in maps[3].areas if not area.merge):
+        for index, windows in ((area.a, area.a_windows_m), (area.b, area.b_windows_m)):
+            ends = [window[1] for row in windows for window in row if window]
+            beyond = max(beyond, max(ends, default=0.0) - maps[3].movements[index].length_m)
+    assert 4.0 < beyond < 7.0
 
 
 def test_one_lane_has_merges_and_none_between_movements_of_one_lane(maps: dict[int, IntersectionMap]) -> None:

@@ -16,7 +16,7 @@ from gameopt_sumo.network import read_map
 from gameopt_wire.intersection import ConflictArea, IntersectionMap
 
 STEP_M = 0.1
-UPSTREAM_M = 8.0
+UPSTREAM_M, DOWNSTREAM_M = 8.0, 8.0
 EVERY = 5
 """One conflict area in so many is looked at."""
 SHORT_M = 0.15
@@ -37,13 +37,12 @@ def check(net: Any, found: IntersectionMap, area: ConflictArea, f: int, g: int) 
     assert window is not None
     size, other_size = found.footprints[f], found.footprints[g]
     (line, at_m), (other_line, other_at_m) = (whole_line(net, found, index) for index in (area.a, area.b))
-    reach = UPSTREAM_M + other_size.length_m + found.movements[area.b].length_m
+    reach = UPSTREAM_M + other_size.length_m + found.movements[area.b].length_m + DOWNSTREAM_M
     fronts = [other_at_m - UPSTREAM_M + STEP_M * k for k in range(int(reach / STEP_M))]
     ground = unary_union([body(other_line, x, other_size.length_m, other_size.width_m) for x in fronts])
     near = [window[0] + STEP_M * k for k in range(-10, 11)]
     near += [window[1] + size.length_m + STEP_M * k for k in range(-10, 11)]
-    # The map sweeps a body until its rear stands on the exit lane; see the README's limits.
-    swept_to_m = found.movements[area.a].length_m + size.length_m + 0.3
+    swept_to_m = found.movements[area.a].length_m + size.length_m + DOWNSTREAM_M
     touched = [
         x for x in near if x <= swept_to_m and body(line, at_m + x, size.length_m, size.width_m).intersects(ground)
     ]

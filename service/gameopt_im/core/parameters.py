@@ -46,15 +46,18 @@ def _classes() -> dict[str, VehicleClass]:
 
 
 def _weights() -> list[tuple[float, float, float, float]]:
-    """From almost nothing, which leaves the order to the slots and makes platoons, to single features."""
+    """From almost nothing, which leaves the order to the slots and makes platoons, to single features.
+
+    Two of them ask who is in a hurry above all: among their sequences is one that lets an emergency vehicle through.
+    """
     return [
         (0.0, 0.0, 0.05, 0.0),
         (0.05, 0.05, 0.1, 0.05),
         (0.2, 0.0, 0.2, 0.1),
-        (0.0, 0.0, 0.5, 0.1),
+        (0.0, 0.0, 0.05, 0.5),
         (0.3, 0.0, 0.0, 0.0),
         (0.0, 0.0, 1.0, 0.0),
-        (1.0, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.1, 1.0),
         (0.25, 0.25, 0.25, 0.25),
     ]
 
@@ -101,7 +104,7 @@ class Planner(Section, frozen=True, kw_only=True):
     headway_s: Annotated[Seconds, Meta(description="added to (length + 2 m) / speed between slots of one lane (s)")] = (
         0.1
     )
-    incumbent_bonus: Annotated[Share, Meta(description="share taken off the incumbent's cost (1)")] = 0.05
+    incumbent_bonus: Annotated[Share, Meta(description="share taken off the incumbent's cost (1)")] = 0.02
     decels_mps2: Annotated[
         tuple[Decel, ...],
         Meta(description="decelerations the approach tries, softest first (m/s^2)"),
@@ -116,7 +119,7 @@ class Planner(Section, frozen=True, kw_only=True):
     patience_s: Annotated[
         float,
         Meta(ge=0, le=600, description="time in the zone after which waiting begins to count (s)"),
-    ] = 20.0
+    ] = 10.0
     impatience: Annotated[
         tuple[Annotated[float, Meta(ge=0, le=20)], ...],
         Meta(min_length=1, description="seconds of slot a bid grows by per second after that, by candidate (1)"),

@@ -22,11 +22,15 @@ class Meter:
         outline: Sequence[tuple[float, float]],
         start_s: float,
         consumption_mg_s: Callable[[str], tuple[float, float]],
+        inflate_m: float = 0.0,
     ) -> None:
-        """`outline` is the junction's ground; `consumption_mg_s` gives a vehicle's fuel and CO2."""
+        """`outline` is the junction's ground; `consumption_mg_s` gives a vehicle's fuel and CO2.
+
+        `inflate_m` grows bodies all round in the geometric check.
+        """
         self._start_s = start_s
         self._recorder = Recorder(layout.map, consumption_mg_s)
-        self._overlaps = OverlapCheck()
+        self._overlaps = OverlapCheck(inflate_m)
         self._encroachment = Encroachment(outline)
         self._movement_lane = {movement.id: movement.lane for movement in layout.map.movements}
         self._came_from: dict[str, int] = {}

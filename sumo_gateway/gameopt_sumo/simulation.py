@@ -52,6 +52,7 @@ class Simulation:
         gui: bool = False,
         extra_args: Sequence[str] = (),
         ignore_turn_speed: bool = False,
+        inflate_m: float = 0.0,
         control: bool = True,
         measure: bool = True,
         control_zone_m: float = DEFAULT_CONTROL_ZONE_M,
@@ -84,7 +85,7 @@ class Simulation:
         if measure:
             layout = dataclasses.replace(self._layout, map=self.map)
             outline = readings.outline(self.map.intersection)
-            self._meter = Meter(layout, outline, self.time_s, readings.consumption_mg_s)
+            self._meter = Meter(layout, outline, self.time_s, readings.consumption_mg_s, inflate_m)
 
     def __enter__(self) -> Simulation:
         return self

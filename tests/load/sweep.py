@@ -24,6 +24,7 @@ from typing import Any
 import click
 from rich.console import Console
 from rich.progress import track
+from scipy import stats
 
 BIN = Path(sys.executable).parent
 LIBRARIES = ("gameopt", "eclipse-zenoh", "osqp", "libsumo", "numpy", "numba")
@@ -41,12 +42,17 @@ class Run:
     geometry: str
     workers: int
     clock: str
+    ratio: float
+    noise: float
+    inflate: float
     out: Path
 
     @property
     def folder(self) -> Path:
         """Where its files go."""
-        return self.out / f"{self.profile}-{self.geometry}-{self.clock}-{self.flow}-{self.seed}-{self.duration}"
+        plain = f"{self.profile}-{self.geometry}-{self.clock}-{self.flow}-{self.seed}-{self.duration}"
+        special = (("ratio", self.ratio, 1.0), ("noise", self.noise, 0.0), ("inflate", self.inflate, 0.0))
+        return self.out / (plain + "".join(f"-{name}{value:g}" for name, value, usual in special if value != usual))
 
     def report(self) -> dict[str, Any]:
         """Its report, from disk or by running it."""
@@ -57,13 +63,23 @@ class Run:
 
     def _run(self, path: Path) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        scenario = ["scenario", "four-arm", "--flow", str(self.flow), "--seed", str(self.seed)]
+        scenario = [
+            "scenario",
+            "four-arm",
+            "--flow",
+            str(self.flow),
+            "--seed",
+            str(self.seed),
+            "--ratio",
+            str(self.ratio),
+        ]
         _check([BIN / "gameopt-sumo", *scenario, "--duration", str(self.duration), "--out", str(self.folder)])
         common = ["--clock", self.clock]
         serve = [*common, "--profile", self.profile, "--geometry", self.geometry, "--workers", str(self.workers)]
         drive = [
             *common, "--sumo", self.folder / "four-arm.sumocfg", "--duration", str(self.duration),
             "--warmup", str(self.warmup), "--seed", str(self.seed), "--report", path,
+            "--tracking-noise", str(self.noise), "--inflate", str(self.inflate),
         ]  # fmt: skip
         two_processes(serve, drive, self.folder)
 
@@ -106,10 +122,15 @@ def _seeds(text: str) -> list[int]:
 
 
 def row(flow: int, reports: list[dict[str, Any]]) -> str:
-    """One line of the table: means over the seeds, maxima where they count."""
+    """One line of the table: means over the seeds, with 95 % intervals, and maxima where they count."""
 
     def mean(*path: str) -> float:
         return statistics.fmean(_at(report, *path) for report in reports)
+
+    def interval(*path: str, digits: int) -> str:
+        values = [_at(report, *path) for report in reports]
+        half = stats.t.ppf(0.975, len(values) - 1) * stats.sem(values) if len(values) > 1 else float("nan")
+        return f"{statistics.fmean(values):.{digits}f} ± {half:.{digits}f}"
 
     def most(*path: str) -> float:
         return max(_at(report, *path) for report in reports)
@@ -121,8 +142,9 @@ def row(flow: int, reports: list[dict[str, Any]]) -> str:
     solved, failed, late = (sum(_at(r, "qp", name) for r in reports) for name in ("solved", "failed", "late"))
     return (
         f"| {flow:,} | {len(reports)} | {mean('vehicles', 'arrived'):.0f} | {mean('throughput_veh_min'):.1f} "
-        f"| {max(served):.0f} | {mean('time_to_goal_s', 'mean'):.2f} | {most('time_to_goal_s', 'mean'):.2f} "
-        f"| {most('time_loss_s', 'max'):.1f} | {mean('fuel_g'):.1f} | {collisions:.0f} "
+        f"| {max(served):.0f} | {interval('time_to_goal_s', 'mean', digits=2)} "
+        f"| {most('time_to_goal_s', 'mean'):.2f} | {mean('by_class', 'emergency', 'time_to_goal_s'):.2f} "
+        f"| {most('time_loss_s', 'max'):.1f} | {interval('fuel_g', digits=1)} | {collisions:.0f} "
         f"| {min(_at(r, 'safety', 'min_pet_s') for r in reports):.2f} | {mean('safety', 'hard_brakes'):.1f} "
         f"| {most('control_cycle', 'missed'):.0f} | {mean('control_cycle', 'p50_ms'):.1f} / "
         f"{most('control_cycle', 'p99_ms'):.1f} | {solved:.0f} / {failed:.0f} / {late:.0f} |"
@@ -137,9 +159,10 @@ def _at(report: dict[str, Any], *path: str) -> float:
 
 
 HEADER = (
-    "| veh/h | seeds | arrived | veh/min | left waiting, most | time-to-goal s | worst seed | time loss max s "
-    "| fuel g | collisions | least PET s | hard brakes | missed | cycle ms p50 / p99 | QPs solved / failed / late |\n"
-    "|" + " ---: |" * 15
+    "| veh/h | seeds | arrived | veh/min | left waiting, most | time-to-goal s | worst seed | emergency s "
+    "| time loss max s | fuel g | collisions | least PET s | hard brakes | missed | cycle ms p50 / p99 "
+    "| QPs solved / failed / late |\n"
+    "|" + " ---: |" * 16
 )
 
 
@@ -152,6 +175,9 @@ HEADER = (
 @click.option("--geometry", type=click.Choice(["areas", "box"]), default="areas")
 @click.option("--clock", type=click.Choice(["lockstep", "wall"]), default="lockstep")
 @click.option("--workers", default=1, help="Solver processes of the manager.")
+@click.option("--ratio", default=1.0, help="Demand of one road to that of the other.")
+@click.option("--noise", default=0.0, help="Sigma of the vehicles' speed tracking, m/s.")
+@click.option("--inflate", default=0.0, help="Grow bodies by this in the geometric check, m.")
 @click.option("--jobs", default=2, help="Runs at a time.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/figures"))
 def main(flows: str, seeds: str, jobs: int, out: Path, **settings: Any) -> None:

@@ -164,6 +164,7 @@ async def drive(
     junction: str | None = None,
     broken: str = "",
     qp_share: bool = False,
+    inflate_m: float = 0.0,
     profile: Any = "default",
     geometry: Any = "areas",
     **settings: Any,
@@ -184,7 +185,7 @@ async def drive(
     share = QpShare()
     if qp_share:
         share.install()
-    with Simulation(Path(sumocfg), junction, seed) as road:
+    with Simulation(Path(sumocfg), junction, seed, inflate_m=inflate_m) as road:
         standing = watch_standing(road)
         known = msgspec.structs.replace(road.map, areas=[]) if broken == "conflict area" else road.map
         options = ServeOptions(

@@ -23,10 +23,17 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runs]:
     busy = write_four_arm(FourArm(flow_veh_h=10_000.0, seed=5, duration_s=60.0), tmp_path_factory.mktemp("busy"))
     usual = write_four_arm(FourArm(flow_veh_h=6_000.0, seed=101, duration_s=90.0), tmp_path_factory.mktemp("usual"))
     with ThreadPoolExecutor(2) as pool:
-        yield {
-            broken: pool.submit(in_a_process, sumocfg=str(busy), duration_s=BUSY_S, broken=broken)
-            for broken in ("", "margin", "rear end", "conflict area")
-        } | {"usual": pool.submit(in_a_process, sumocfg=str(usual), duration_s=65.0, qp_share=True)}
+        yield (
+            {
+                broken: pool.submit(in_a_process, sumocfg=str(busy), duration_s=BUSY_S, broken=broken)
+                for broken in ("", "margin", "rear end", "conflict area")
+            }
+            | {
+                inflated: pool.submit(in_a_process, sumocfg=str(busy), duration_s=BUSY_S, inflate_m=float(inflated))
+                for inflated in ("0.3", "1.1")
+            }
+            | {"usual": pool.submit(in_a_process, sumocfg=str(usual), duration_s=65.0, qp_share=True)}
+        )
 
 
 def collisions(found: dict[str, Any]) -> int:
@@ -49,6 +56,11 @@ def test_the_check_fails_once_it_should(runs: Runs, broken: str) -> None:
     found = runs[broken].result()
     assert collisions(found) > 0
     assert found["vehicles"]["entered"] > 50
+
+
+def test_bodies_a_little_larger_do_not_touch_either(runs: Runs) -> None:
+    assert collisions(runs["0.3"].result()) == 0
+    assert collisions(runs["1.1"].result()) > 0
 
 
 def test_the_programs_are_no_decoration(runs: Runs) -> None:

@@ -51,6 +51,7 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--jitter-ms", type=Number(0.0, 6e4), default=0.0, metavar="J", help="Delay varies by +- J ms.")
 @click.option("--ignore-turn-speed", is_flag=True, help="Turn at the lane's limit.")
 @click.option("--tracking-noise", type=Number(0.0, 10.0), default=0.0, metavar="MPS", help="Sigma of the speed, m/s.")
+@click.option("--inflate", type=Number(0.0, 10.0), default=0.0, metavar="M", help="Count bodies this near, m each.")
 @click.option(
     "--strategy",
     callback=parse_strategy,
@@ -89,6 +90,7 @@ def _simulation(options: Options, sumocfg: Path) -> MeasuredRoad:
         gui=options.gui,
         extra_args=options.sumo_options,
         ignore_turn_speed=options.ignore_turn_speed,
+        inflate_m=options.inflate,
     )
 
 

@@ -30,6 +30,7 @@ class Options(msgspec.Struct, frozen=True, kw_only=True):
     delay_ms: float
     jitter_ms: float
     ignore_turn_speed: bool
+    inflate: float
     tracking_noise: float
     strategy: Strategy
     gui: bool

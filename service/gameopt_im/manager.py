@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 import structlog
+from msgspec import structs
 
 from gameopt_im.core import decision, planning
 from gameopt_im.core.conflicts import ground
-from gameopt_im.core.decision import Conclusion, Settled, Winner
+from gameopt_im.core.decision import Conclusion, Picture, Settled, Winner
 from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
 from gameopt_im.core.reservations import Book, Reservation
 from gameopt_im.core.snapshot import Snapshot
@@ -101,8 +102,8 @@ class Manager:
         self._order = tuple(snapshot.ids[i] for i in concluded.order)
         self._mark("commands")
         elapsed_ms = 1e3 * (time.perf_counter() - started)
-        report = self._report(snapshot, limits, concluded, winner, proposal.count, len(commands), elapsed_ms)
-        self._log(settled, picture.strayed, snapshot, limits)
+        report = self._report(snapshot, picture, concluded, winner, proposal.count, len(commands), elapsed_ms)
+        self._log(settled, picture, snapshot)
         return Outcome(commands, report, ledger)
 
     def _deadline(self) -> float | None:
@@ -136,7 +137,8 @@ class Manager:
                     valid_until_s=valid_until_s,
                     slot_s=max(0.0, snapshot.time_s + slot) if np.isfinite(slot) and slot < 1e6 else None,
                     clearance=_offer(reservation, snapshot.time_s) if limits.phase[i] != INTRUDING else None,
-                    cleared=reservation.clearance if reservation is not None and reservation.accepted else None,
+                    cleared=_known(reservation),
+                    withdrawn=reservation.clearance if reservation is not None and reservation.withdrawn else None,
                     rank=rank.get(i, -1),
                     price=reservation.price if reservation is not None else 0.0,
                 )
@@ -170,13 +172,17 @@ class Manager:
         for gone in settled.left:
             paid = self._open.pop(gone.vehicle, None)
             if paid is not None:
-                entries.append(_closed(paid, time_s))
+                entries.append(structs.replace(paid, left_s=time_s))
+        for back in settled.returned:
+            paid = self._open.pop(back.vehicle, None)
+            if paid is not None:
+                entries.append(structs.replace(paid, price=0.0))  # it has not got what it paid for
         return entries
 
     def _report(
         self,
         snapshot: Snapshot,
-        limits: Limits,
+        picture: Picture,
         concluded: Conclusion,
         winner: Winner | None,
         candidates: int,
@@ -190,7 +196,7 @@ class Manager:
             cycle=snapshot.cycle,
             time_s=snapshot.time_s,
             vehicles=len(snapshot),
-            uncleared=int(np.count_nonzero(limits.phase == UNCLEARED)),
+            uncleared=int(np.count_nonzero(picture.limits.phase == UNCLEARED)),
             cleared=cleared,
             commands=commands,
             candidates=candidates,
@@ -198,6 +204,7 @@ class Manager:
             order=[snapshot.ids[i] for i in concluded.order],
             granted=[reservation.vehicle for reservation in concluded.grants.given],
             refused=concluded.grants.refused,
+            withdrawn=len(picture.withdrawn),
             delay_s=winner.delay if winner is not None else 0.0,
             elapsed_ms=elapsed_ms,
             stages_ms=dict(self._stages),
@@ -211,19 +218,23 @@ class Manager:
             silent=int(np.count_nonzero(snapshot.silent)),
         )
 
-    def _log(self, settled: Settled, strayed: tuple[str, ...], snapshot: Snapshot, limits: Limits) -> None:
+    def _log(self, settled: Settled, picture: Picture, snapshot: Snapshot) -> None:
         """What should not happen is said once per control cycle; what happens all the time is not."""
         for lapsed in settled.lapsed:
             log.info("clearance lapsed", vehicle=lapsed.vehicle, clearance=lapsed.clearance)
-        for i in np.flatnonzero(limits.phase == INTRUDING):
+        for i in np.flatnonzero(picture.limits.phase == INTRUDING):
             log.warning("in the zone without a clearance", vehicle=snapshot.ids[i], distance_m=float(snapshot.s[i]))
-        for vehicle in strayed:
+        for vehicle in picture.strayed:
             log.warning("strayed from its profile", vehicle=vehicle, cycle=snapshot.cycle)
+        for vehicle in picture.withdrawn:
+            log.warning("clearance withdrawn", vehicle=vehicle, cycle=snapshot.cycle)
 
 
 def _offer(reservation: Reservation | None, now_s: float) -> Clearance | None:
     """The clearance to offer, again and again until it is taken or has expired."""
-    if reservation is None or reservation.accepted or reservation.clearance == 0 or now_s > reservation.expires_s:
+    if reservation is None or reservation.accepted or reservation.withdrawn:
+        return None
+    if reservation.clearance == 0 or now_s > reservation.expires_s:
         return None
     return Clearance(
         id=reservation.clearance,
@@ -233,13 +244,8 @@ def _offer(reservation: Reservation | None, now_s: float) -> Clearance | None:
     )
 
 
-def _closed(entry: LedgerEntry, time_s: float) -> LedgerEntry:
-    return LedgerEntry(
-        vehicle=entry.vehicle,
-        term=entry.term,
-        entered_s=entry.entered_s,
-        cleared_s=entry.cleared_s,
-        price=entry.price,
-        bid=entry.bid,
-        left_s=time_s,
-    )
+def _known(reservation: Reservation | None) -> int | None:
+    """The clearance taken: the command's speed is made for it. Not one asked back: who keeps it drives it unaided."""
+    if reservation is None or not reservation.accepted or reservation.withdrawn:
+        return None
+    return reservation.clearance

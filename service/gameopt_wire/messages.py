@@ -105,6 +105,8 @@ class Command(Message, frozen=True, kw_only=True, tag="command", gc=False):
     `rank` counts from 0 in the crossing order; `price` is what the clearance costs when it is accepted.
     `cleared` is the id of the clearance that the manager knows to be accepted: only then does the speed take it
     into account, and may slow a vehicle that follows its profile.
+    `withdrawn` is the id of a clearance that is asked back: a vehicle that can still stop before the line drops it, and
+    drives by the speed; any other drives it to its end.
     """
 
     vehicle: VehicleId
@@ -116,6 +118,7 @@ class Command(Message, frozen=True, kw_only=True, tag="command", gc=False):
     slot_s: Time | None = None
     clearance: Clearance | None = None
     cleared: Counter | None = None
+    withdrawn: Counter | None = None
     rank: Annotated[int, Meta(ge=-1, le=100_000)] = -1
     price: Annotated[float, Meta(ge=0.0, le=1e9)] = 0.0
 
@@ -146,6 +149,7 @@ class CycleReport(Message, frozen=True, kw_only=True, tag="cycle"):
     order: list[VehicleId]
     granted: list[VehicleId]
     refused: Counter = 0
+    withdrawn: Counter = 0
     delay_s: float
     elapsed_ms: float
     stages_ms: dict[str, float]

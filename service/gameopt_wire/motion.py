@@ -20,6 +20,10 @@ OPENING_DECEL_MPS2 = 1.5
 OPENING_FLOOR = 0.75
 """Opening its headway on the exit lane a vehicle on its own brakes no harder, and nobody gets slower by it than this
 share of the limit: a platoon must not stop itself, car by car, back into the conflict zone."""
+DRIFT_M = 0.05
+DRIFT_GAIN_HZ = 0.5
+DRIFT_SPEED_MPS = 0.3
+"""Tracking a profile: a drift beyond `DRIFT_M` is corrected at `DRIFT_GAIN_HZ`, by `DRIFT_SPEED_MPS` at most."""
 UNABLE = -1.0
 """What a rule answers where no speed satisfies it."""
 
@@ -60,3 +64,10 @@ def follow_speed(
     lead_next = max(0.0, lead_v_mps - lead_b_mps2 * dt_s)
     room = gap_m + 0.5 * dt_s * (lead_v_mps + lead_next) + lead_next * lead_next / (2.0 * lead_b_mps2)
     return brake_speed(room, v_mps, b, dt_s, 0.0)
+
+
+def tracking_speed(profile_mps: float, drift_m: float) -> float:
+    """The next speed on a profile that asks for `profile_mps`: a little more if the vehicle is `drift_m` behind it."""
+    if abs(drift_m) <= DRIFT_M:
+        return profile_mps
+    return profile_mps + max(-DRIFT_SPEED_MPS, min(DRIFT_SPEED_MPS, DRIFT_GAIN_HZ * drift_m))

@@ -57,6 +57,8 @@ class Link:
     jitter_s: float = 0.0
     outages: tuple[Outage, ...] = ()
     until_s: float = 1e9
+    noise_mps: float = 0.0
+    """Sigma of the speeds that cars drive, around those they aim at; to the end."""
 
 
 class Seen(msgspec.Struct, kw_only=True):
@@ -209,7 +211,8 @@ class LossyWorld(World):
         setback = (
             movement.setback_m[self.roads.footprint_of(seen.length_m, seen.width_m)] if movement.setback_m else 0.0
         )
-        return Agent(seen, movement, self.roads.lanes[movement.lane], seed=1, setback_m=setback)
+        lane, noise = self.roads.lanes[movement.lane], self.link.noise_mps
+        return Agent(seen, movement, lane, seed=1, setback_m=setback, noise_mps=noise)
 
     def _seen(self, car: Car) -> Seen:
         length, width, a, b, top = CLASSES[car.kind]

@@ -14,6 +14,7 @@ from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.planning import Bidders
 from gameopt_im.core.profiles import HORIZON
 from gameopt_im.core.reservations import Book, Reservation
+from gameopt_im.core.snapshot import Floats, Snapshot
 
 EXPIRES_S = 10.0
 
@@ -44,13 +45,13 @@ def test_an_offer_that_its_vehicle_names_is_accepted() -> None:
     made = settled(book, time_s=EXPIRES_S, accepted=[7])
     assert (names(made.accepted), made.lapsed, made.left) == (["a"], (), ())
     assert book.held["a"].accepted
-    assert settled(book, time_s=EXPIRES_S + 9.0, accepted=[7]) == Settled((), (), ())  # once only, and for good
+    assert settled(book, time_s=EXPIRES_S + 9.0, accepted=[7]) == Settled((), (), (), ())  # once only, and for good
 
 
 @pytest.mark.parametrize("named", [-1, 6])
 def test_an_offer_lapses_when_a_state_after_its_expiry_does_not_name_it(named: int) -> None:
     book = offered()
-    assert settled(book, time_s=EXPIRES_S, accepted=[named]) == Settled((), (), ())
+    assert settled(book, time_s=EXPIRES_S, accepted=[named]) == Settled((), (), (), ())
     assert names(settled(book, time_s=EXPIRES_S + 0.1, accepted=[named]).lapsed) == ["a"]
     assert not book.held
 
@@ -58,24 +59,47 @@ def test_an_offer_lapses_when_a_state_after_its_expiry_does_not_name_it(named: i
 def test_a_silent_vehicle_keeps_its_ground() -> None:
     book = offered()
     heard_last = {"silent": [True], "age": [1.0]}
-    assert settled(book, time_s=EXPIRES_S + 0.9, **heard_last) == Settled((), (), ())
+    assert settled(book, time_s=EXPIRES_S + 0.9, **heard_last) == Settled((), (), (), ())
     assert list(book.held) == ["a"]
     assert names(settled(book, time_s=EXPIRES_S + 0.9).lapsed) == ["a"]
 
 
 def test_the_ground_is_free_once_the_rear_has_left_it() -> None:
     book = offered(accepted=True)
-    assert settled(book, s=[-26.9], accepted=[7]) == Settled((), (), ())  # clear at 22 m, 5 m long
+    assert settled(book, s=[-26.9], accepted=[7]) == Settled((), (), (), ())  # clear at 22 m, 5 m long
     predicted = {"heard_s": [-26.9], "silent": [True], "age": [0.2]}  # it may have been held up
-    assert settled(book, s=[-28.9], accepted=[7], **predicted) == Settled((), (), ())
+    assert settled(book, s=[-28.9], accepted=[7], **predicted) == Settled((), (), (), ())
     assert names(settled(book, s=[-27.1], accepted=[7]).left) == ["a"]
     assert not book.held
 
 
 def test_who_is_lost_and_who_intruded_hold_nothing() -> None:
     for book, ids in ((offered(), ("b",)), (offered(clearance=0), ("a",))):
-        assert settled(book, ids=ids) == Settled((), (), ())
+        assert settled(book, ids=ids) == Settled((), (), (), ())
         assert not book.held
+
+
+def test_a_clearance_asked_back_is_free_once_its_vehicle_says_so() -> None:
+    book = offered(accepted=True)
+    assert settled(book, accepted=[-1]) == Settled((), (), (), ())  # nobody has asked
+    book.withdraw("a")
+    assert settled(book, accepted=[7]) == Settled((), (), (), ())
+    assert names(settled(book, accepted=[-1]).returned) == ["a"]
+    assert not book.held
+
+
+def concluded(cars: Snapshot, book: Book) -> Floats:
+    """The speeds of vehicles that are all cleared already."""
+    limits = limits_of(cars, book)
+    nobody = Bidders(np.empty(0, dtype=np.int64), (), np.zeros((1, 0)), np.empty(0, dtype=np.int64))
+    return decision.conclude(cars, GROUND, book, limits, nobody, None, Parameters(), 1, False).speeds
+
+
+def test_who_is_behind_its_profile_may_catch_up() -> None:
+    """A speed measured too low must not hold it back: every dip would be for good, and its ground be left late."""
+    for behind_m, speed in ((0.0, 10.0), (0.3, 10.15), (5.0, 10.3)):
+        cars = snapshot(s=[40.0 + behind_m], v=[9.4], accepted=[7])
+        assert concluded(cars, offered(accepted=True)) == pytest.approx([speed])
 
 
 def test_no_planned_speed_passes_the_interlock() -> None:

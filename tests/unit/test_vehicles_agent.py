@@ -115,6 +115,20 @@ def test_tracking_noise_is_seeded() -> None:
     assert max(abs(speed - 15.0) for speed in speeds(1)) > 0.01
 
 
+def test_tracking_noise_does_not_add_up() -> None:
+    """Neither on the way up, where every dip would be for good, nor under full brakes."""
+    for target, start in ((40.0, 0.0), (0.0, 40.0)):
+        drive = Drive(Seen(distance_m=4000.0, speed_mps=start, max_speed_mps=60.0), noise_mps=0.2)
+        off = []
+        for k in range(1, 80):
+            drive.command(speed_mps=target)
+            drive.step()
+            exact = start + STEP_S * k * (2.6 if target > start else -4.5)
+            off.append(drive.seen.speed_mps - exact)
+        assert abs(sum(off) / len(off)) < 0.1
+        assert 0.15 < (sum(error**2 for error in off) / len(off)) ** 0.5 < 0.25
+
+
 def test_bids_come_at_entry_every_second_and_when_they_change_until_cleared() -> None:
     factor = [0.5]
     drive = Drive(strategy=lambda preference: preference.scaled(factor[0]))

@@ -132,3 +132,34 @@ def test_drift_off_the_profile_is_corrected_gently() -> None:
     for _ in range(60):
         drive.step()
     assert drive.seen.distance_m == pytest.approx(100.0 - 62 * 1.5, abs=0.06)
+
+
+def taken(start: Seen) -> Drive:
+    """A vehicle at 15 m/s on clearance 5."""
+    drive = Drive(start)
+    drive.command(speed_mps=15.0, clearance=offer(drive, speeds_mps=[15.0] * 40))
+    assert drive.step().accepted == 5
+    return drive
+
+
+def test_a_clearance_asked_back_is_dropped_and_the_command_holds() -> None:
+    drive = taken(Seen(distance_m=60.0))
+    drive.command(speed_mps=14.6, withdrawn=5)
+    assert drive.step().accepted is None
+    assert drive.seen.speed_mps == 14.6
+    drive.command(speed_mps=14.6, clearance=offer(drive, speeds_mps=[14.6] * 40))
+    assert drive.step().accepted is None  # a repetition that came late
+
+
+def test_who_cannot_stop_any_more_keeps_it() -> None:
+    drive = taken(Seen(distance_m=27.0))  # 25 m to a stand, and 1 m before the line
+    drive.command(speed_mps=14.6, withdrawn=5)
+    assert drive.step().accepted == 5
+    assert drive.seen.speed_mps == 15.0
+
+
+@pytest.mark.parametrize("fields", [{"withdrawn": 6}, {"withdrawn": 5, "term": 2}])
+def test_only_its_own_clearance_is_dropped(fields: dict[str, int]) -> None:
+    drive = taken(Seen(distance_m=60.0))
+    drive.command(speed_mps=14.6, **fields)
+    assert drive.step().accepted == 5

@@ -78,6 +78,7 @@ class Agent:
         self._preference: Preference = preference_of(seed, first.vehicle, first.vehicle_class)
         self._noise_mps = noise_mps
         self._random = generator(seed, first.vehicle, 1) if noise_mps > 0.0 else None
+        self._aim_mps = first.speed_mps
         self._history: deque[_Moment] = deque(maxlen=HISTORY_STEPS)
         self._newcomer_until_s: float | None = None
         self._bid: Bid | None = None
@@ -144,16 +145,20 @@ class Agent:
     def act(self, seen: Observation, time_s: float) -> float:
         """The speed to have at `time_s + STEP_S`; also decides on an offer."""
         self._consider_offer(seen, time_s)
+        self._consider_withdrawal(seen)
         accepted = self._accepted
         if accepted is not None and not accepted.profile.ended(time_s):
             self.fallback = False
             speed = min(self._tracked(accepted, seen, time_s), self._slower(accepted, seen, time_s))
         else:
             speed = self._commanded(seen, time_s)
-        speed = driving.within_capabilities(seen, speed)
-        if self._random is not None and speed > 0.0:
-            speed = min(seen.max_speed_mps, max(0.0, speed + self._random.normal(0.0, self._noise_mps)))
-        return speed
+        if self._random is None:
+            return driving.within_capabilities(seen, speed)
+        # An error is one around the speed aimed at: it does not add up from step to step, as a weaker brake would.
+        self._aim_mps = driving.within_capabilities(seen, speed, self._aim_mps)
+        if self._aim_mps <= 0.0:
+            return 0.0
+        return min(seen.max_speed_mps, max(0.0, self._aim_mps + self._random.normal(0.0, self._noise_mps)))
 
     def _is_past(self, seen: Observation) -> bool:
         """Whether the rear stands clear of every conflict area: there the clearance ends, for the manager too."""
@@ -182,6 +187,14 @@ class Agent:
         if driving.widest_drift(seen, profile, drift_m, time_s) > OFFER_DISTANCE_M:
             return
         self._accepted = _Accepted(offer.id, term, profile, start_m)
+
+    def _consider_withdrawal(self, seen: Observation) -> None:
+        """Give an accepted clearance back if it is asked for, and the vehicle can still stop before the line."""
+        accepted, command = self._accepted, self._command
+        if accepted is None or command is None or (command.term, command.withdrawn) != (accepted.term, accepted.id):
+            return
+        if driving.can_stop(seen, self._setback_m):
+            self._accepted = None
 
     def _distance_at(self, time_s: float) -> float | None:
         """Its own distance to the line at `time_s`, from what it remembers; None if that is out of reach."""

@@ -50,7 +50,13 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--delay-ms", type=Number(0.0, 6e4), default=0.0, metavar="D", help="Delay of a message, ms, each way.")
 @click.option("--jitter-ms", type=Number(0.0, 6e4), default=0.0, metavar="J", help="Delay varies by +- J ms.")
 @click.option("--ignore-turn-speed", is_flag=True, help="Turn at the lane's limit.")
-@click.option("--tracking-noise", type=Number(0.0, 10.0), default=0.0, metavar="MPS", help="Sigma of the speed, m/s.")
+@click.option(
+    "--tracking-noise",
+    type=Number(0.0, 10.0),
+    default=0.0,
+    metavar="MPS",
+    help="Sigma of each speed driven around the speed aimed at, m/s.",
+)
 @click.option("--inflate", type=Number(0.0, 10.0), default=0.0, metavar="M", help="Count bodies this near, m each.")
 @click.option(
     "--strategy",

@@ -14,10 +14,6 @@ EXIT_HEADWAY_S = 1.3
 """Headway at which the simulator's own car-following can take over safely."""
 
 
-DRIFT_M = 0.05
-DRIFT_GAIN_HZ = 0.5
-DRIFT_SPEED_MPS = 0.3
-"""Tracking: a drift beyond `DRIFT_M` is corrected at `DRIFT_GAIN_HZ`, by `DRIFT_SPEED_MPS` at most."""
 SAME_SPEED_MPS = 1e-6
 
 
@@ -31,10 +27,7 @@ def within_capabilities(seen: Observation, speed_mps: float, from_mps: float | N
 
 def tracking_speed(profile: SpeedProfile, drift_m: float, time_s: float) -> float:
     """The profile's speed one step from `time_s`, a little more or less if the vehicle is `drift_m` behind it."""
-    speed = profile.speed_mps(time_s + STEP_S)
-    if abs(drift_m) <= DRIFT_M:
-        return speed
-    return speed + max(-DRIFT_SPEED_MPS, min(DRIFT_SPEED_MPS, DRIFT_GAIN_HZ * drift_m))
+    return motion.tracking_speed(profile.speed_mps(time_s + STEP_S), drift_m)
 
 
 def widest_drift(seen: Observation, profile: SpeedProfile, drift_m: float, time_s: float) -> float:
@@ -44,7 +37,7 @@ def widest_drift(seen: Observation, profile: SpeedProfile, drift_m: float, time_
     """
     widest_m, speed = abs(drift_m), seen.speed_mps
     while not profile.ended(time_s):
-        if abs(drift_m) <= DRIFT_M and abs(speed - profile.speed_mps(time_s)) <= SAME_SPEED_MPS:
+        if abs(drift_m) <= motion.DRIFT_M and abs(speed - profile.speed_mps(time_s)) <= SAME_SPEED_MPS:
             break  # on it, and it was made for this vehicle
         before, speed = speed, within_capabilities(seen, tracking_speed(profile, drift_m, time_s), speed)
         moved_m = profile.covered_m(time_s + STEP_S) - profile.covered_m(time_s)
@@ -79,6 +72,12 @@ def safe_limit(seen: Observation, *, setback_m: float, may_cross: bool) -> float
         room_m = seen.distance_m - setback_m
         limit = min(limit, motion.stop_speed(room_m, seen.speed_mps, seen.max_decel_mps2, STEP_S))
     return limit
+
+
+def can_stop(seen: Observation, setback_m: float) -> bool:
+    """Whether rule 1 can still be kept: the vehicle comes to a stand before the line."""
+    room_m, slowest = seen.distance_m - setback_m, seen.speed_mps - seen.max_decel_mps2 * STEP_S
+    return motion.stop_speed(room_m, seen.speed_mps, seen.max_decel_mps2, STEP_S) >= slowest
 
 
 def open_gap_limit(seen: Observation, exit_speed_mps: float) -> float:

@@ -6,7 +6,7 @@ planned and solved elsewhere; `conclude` grants clearances and makes every speed
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,17 +17,20 @@ from gameopt_im.core.interlock import CLEARED, UNCLEARED, Limits
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.planning import Bidders
 from gameopt_im.core.reservations import Book, Reservation, crossing_time
-from gameopt_im.core.snapshot import Floats, Ints, Snapshot
+from gameopt_im.core.snapshot import NONE, Floats, Ints, Snapshot
+from gameopt_im.core.withdrawal import withdraw
+from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
 
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """Reservations whose vehicles have taken them, that have lapsed, and that have been left."""
+    """Reservations whose vehicles have taken them, that have lapsed, that have been left, and given back when asked."""
 
     accepted: tuple[Reservation, ...]
     lapsed: tuple[Reservation, ...]
     left: tuple[Reservation, ...]
+    returned: tuple[Reservation, ...]
 
 
 def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
@@ -37,7 +40,7 @@ def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
     ground until it is heard again or given up as lost: it may have taken the offer.
     """
     place = {vehicle: i for i, vehicle in enumerate(snapshot.ids)}
-    accepted, lapsed, left = [], [], []
+    accepted, lapsed, left, returned = [], [], [], []
     for vehicle, reservation in list(book.held.items()):
         i = place.get(vehicle)
         if i is None or reservation.clearance == 0:
@@ -51,17 +54,20 @@ def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
             through = x - reservation.length >= ground.clear[reservation.movement]
             if through and x >= ground.length[reservation.movement]:
                 left.append(book.free(vehicle))
+            elif reservation.withdrawn and int(snapshot.accepted[i]) == NONE:
+                returned.append(book.free(vehicle))
         elif snapshot.time_s - float(snapshot.age[i]) > reservation.expires_s + 1e-6:
             lapsed.append(book.free(vehicle))
-    return Settled(tuple(accepted), tuple(lapsed), tuple(left))
+    return Settled(tuple(accepted), tuple(lapsed), tuple(left), tuple(returned))
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """What the interlock allows each vehicle, and the cleared vehicles that have strayed from their profiles."""
+    """What the interlock allows each vehicle, who has strayed, and whose clearance is asked back now."""
 
     limits: Limits
     strayed: tuple[str, ...]
+    withdrawn: tuple[str, ...]
 
 
 def picture(snapshot: Snapshot, ground: Ground, book: Book, parameters: Parameters) -> Picture:
@@ -70,7 +76,17 @@ def picture(snapshot: Snapshot, ground: Ground, book: Book, parameters: Paramete
     strayed = refresh(snapshot, ground, book, limits, parameters)
     for intrusion in intrusions(snapshot, limits):
         book.held.setdefault(intrusion.vehicle, intrusion)
-    return Picture(limits, strayed)
+    withdrawn = withdraw(snapshot, ground, book, limits, parameters.interlock)
+    return Picture(_held_up(snapshot, ground, book, limits), strayed, withdrawn)
+
+
+def _held_up(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits) -> Limits:
+    """Rule 1 for those, too, whose clearance is asked back: the speed to drive by once they have dropped it."""
+    held = [book.held.get(vehicle) for vehicle in snapshot.ids]
+    asked = np.array([each is not None and each.withdrawn for each in held], dtype=np.bool_)
+    if not asked.any():
+        return limits
+    return replace(limits, stop=interlock.stop_limits(snapshot, ground, asked | (limits.phase == UNCLEARED)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +167,8 @@ def _follow_profiles(snapshot: Snapshot, book: Book, limits: Limits, planned: Fl
         k = reservation.step(snapshot.cycle)
         slots[i] = crossing_time(reservation, snapshot.cycle)
         if limits.phase[i] in (CLEARED, UNCLEARED):
-            planned[i] = reservation.v[min(k + 1, len(reservation.v) - 1)]
+            ahead = float(reservation.v[min(k + 1, len(reservation.v) - 1)])
+            planned[i] = motion.tracking_speed(ahead, float(reservation.x[k] + snapshot.s[i]))
 
 
 def _price(

@@ -48,7 +48,7 @@ class Limits:
 
 
 def phases(snapshot: Snapshot, ground: Ground, book: Book) -> Ints:
-    """The phase of each vehicle. Rule 1's tolerance keeps a vehicle that rides its curve exactly uncleared.
+    """The phase of each vehicle.
 
     Phases follow from what was heard, never from a prediction: who could stop then does so unless it has taken a
     clearance, and who was not yet past the conflict zone may still be held up in it. A vehicle on the clearance of a
@@ -58,16 +58,20 @@ def phases(snapshot: Snapshot, ground: Ground, book: Book) -> Ints:
     clear = x - snapshot.length >= ground.clear[snapshot.movement] - 1e-6
     over = (x >= ground.length[snapshot.movement]) & clear
     phase = np.where(over, EXITING, UNCLEARED)
-    setback = ground.setback[snapshot.movement, snapshot.footprint]
-    room = snapshot.heard_s - setback - motion.STOP_OFFSET_M + 0.05
-    stopping = 0.5 * snapshot.heard_v**2 / snapshot.b_max
-    unable = (stopping > np.maximum(room, 0.0) + 1e-6) | (snapshot.heard_s < setback)
-    phase[(phase == UNCLEARED) & (unable | (snapshot.accepted == FOREIGN))] = INTRUDING
+    phase[(phase == UNCLEARED) & (~can_stop(snapshot, ground) | (snapshot.accepted == FOREIGN))] = INTRUDING
     for i, vehicle in enumerate(snapshot.ids):
         reservation = book.held.get(vehicle)
         if reservation is not None and reservation.accepted and phase[i] != EXITING:
             phase[i] = CLEARED
     return phase
+
+
+def can_stop(snapshot: Snapshot, ground: Ground) -> Bools:
+    """Who could stop before its line by what was heard. Rule 1's tolerance lets a vehicle ride its curve exactly."""
+    setback = ground.setback[snapshot.movement, snapshot.footprint]
+    room = snapshot.heard_s - setback - motion.STOP_OFFSET_M + 0.05
+    stopping = 0.5 * snapshot.heard_v**2 / snapshot.b_max
+    return np.asarray((stopping <= np.maximum(room, 0.0) + 1e-6) & (snapshot.heard_s >= setback))
 
 
 @kernel
@@ -236,18 +240,19 @@ def limits(snapshot: Snapshot, ground: Ground, book: Book, exit_parameters: Exit
         leaders=leaders,
         downstream=downstream,
         unheard=unheard(snapshot, ground, leader, downstream, at_best(snapshot, book, phase)),
-        stop=_stop_limits(snapshot, ground, phase),
+        stop=stop_limits(snapshot, ground, phase == UNCLEARED),
         follow=follow,
         turn=_turn_limits(snapshot, ground, exiting),
-        top=np.minimum(snapshot.v_max, v + snapshot.a_max * (STEP_S + age)),
+        top=np.where(phase == CLEARED, snapshot.v_max, np.minimum(snapshot.v_max, v + snapshot.a_max * (STEP_S + age))),
         floor=np.maximum(0.0, v - b * (STEP_S + age)),
     )
 
 
-def _stop_limits(snapshot: Snapshot, ground: Ground, phase: Ints) -> Floats:
+def stop_limits(snapshot: Snapshot, ground: Ground, bound: Bools) -> Floats:
+    """Rule 1 for whom it binds, m/s; NEVER for the others."""
     out = np.full(len(snapshot), NEVER)
     room = snapshot.s - ground.setback[snapshot.movement, snapshot.footprint]
-    for i in np.flatnonzero(phase == UNCLEARED):
+    for i in np.flatnonzero(bound):
         out[i] = motion.stop_speed(float(room[i]), float(snapshot.v[i]), float(snapshot.b_max[i]), STEP_S)
     return out
 

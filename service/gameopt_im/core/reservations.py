@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,7 @@ class Reservation:
     `x`, `v` (HORIZON,) are the profile offered, `late_x`, `late_v` the worst case of it, with everyone ahead braking as
     much as rule 2 and the exit law may make them; index 0 is control cycle `start`, at `start_s`. Windows begin with x
     and end with late_x.
-    `done` is the step at which the rear is clear in the worst case.
+    `done` is the step at which the rear is clear in the worst case. `withdrawn` asks the vehicle to give it back.
     """
 
     vehicle: str
@@ -42,6 +43,7 @@ class Reservation:
     price: float = 0.0
     bid: float = 0.0
     accepted: bool = False
+    withdrawn: bool = False
 
     def step(self, cycle: int) -> int:
         """The index of a control cycle in the arrays."""
@@ -52,8 +54,7 @@ class Reservation:
         return [float(u) for u in self.v[: self.done + 1]]
 
 
-@dataclass(frozen=True, slots=True)
-class Stack:
+class Stack(NamedTuple):
     """The reservations of a book as arrays for the kernels, R rows; `first` is the row's index of now."""
 
     x: Floats
@@ -77,6 +78,10 @@ class Book:
     def accept(self, vehicle: str) -> None:
         """The vehicle has taken its clearance: from now on it holds the ground until it has left it."""
         self.held[vehicle] = replace(self.held[vehicle], accepted=True)
+
+    def withdraw(self, vehicle: str, withdrawn: bool = True) -> None:
+        """Ask for the clearance back, or no longer; the ground is held until the vehicle has said that it drops it."""
+        self.held[vehicle] = replace(self.held[vehicle], withdrawn=withdrawn)
 
     def price(self, vehicle: str, price: float, bid: float) -> None:
         """What the clearance costs when it is taken, and the bid it was won with."""

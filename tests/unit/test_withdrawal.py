@@ -1,0 +1,105 @@
+"""Whose clearance is asked back when windows come too near each other, and whose is not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from builders import ACROSS, GROUND, OTHER, limits_of, snapshot
+
+from gameopt_im.core import decision
+from gameopt_im.core.parameters import Parameters
+from gameopt_im.core.profiles import HORIZON
+from gameopt_im.core.reservations import Book, Reservation
+from gameopt_im.core.snapshot import Snapshot
+from gameopt_im.core.withdrawal import withdraw
+from gameopt_wire.messages import STEP_S
+
+PARAMETERS = Parameters()
+TIMES = np.arange(HORIZON) * STEP_S
+# On ACROSS the area lies from 5 to 9 m past the line, on OTHER from 11 to 15 m; cars are 5 m long.
+
+
+def held(vehicle: str, movement: int, x: float, v: float = 10.0, **changes: Any) -> Reservation:
+    """An accepted clearance at constant speed from x past the line, in the worst case too."""
+    values: dict[str, Any] = {
+        "vehicle": vehicle, "clearance": 1, "start": 0, "movement": movement, "footprint": 0, "lane": movement,
+        "length": 5.0, "b": 4.5, "x": x + v * TIMES, "v": np.full(HORIZON, v), "late_x": x + v * TIMES,
+        "late_v": np.full(HORIZON, v), "done": 90, "start_s": 0.0, "expires_s": 0.5, "accepted": True,
+    }  # fmt: skip
+    return Reservation(**(values | changes))
+
+
+def book_of(*reservations: Reservation) -> Book:
+    book = Book()
+    for each in reservations:
+        book.add(each)
+    return book
+
+
+def asked(cars: Snapshot, book: Book) -> list[str]:
+    """Who is asked in this control cycle."""
+    return list(withdraw(cars, GROUND, book, limits_of(cars, book), PARAMETERS.interlock))
+
+
+def crossing_pair(behind_m: float, first_s: float = 40.0) -> tuple[Snapshot, Book]:
+    """a across ACROSS, its rear off the area after 14 m; b across OTHER, so far behind a that it comes later."""
+    second_s = first_s + behind_m
+    cars = snapshot(s=[first_s, second_s], movement=[ACROSS, OTHER], accepted=[1, 1])
+    return cars, book_of(held("a", ACROSS, -first_s), held("b", OTHER, -second_s))
+
+
+def test_windows_with_half_their_margin_left_stay() -> None:
+    cars, book = crossing_pair(3.0 + 0.8)  # b comes 0.08 s after a has gone; half of 0.15 s, or of 1 m at 10 m/s
+    assert asked(cars, book) == []
+
+
+def test_the_later_of_two_that_come_too_near_gives_way() -> None:
+    cars, book = crossing_pair(3.0 + 0.6)
+    assert asked(cars, book) == ["b"]
+    assert book.held["b"].withdrawn
+    assert asked(cars, book) == []  # it is asked already
+
+
+def test_the_earlier_gives_way_where_the_later_cannot_stop() -> None:
+    """b, held up on its way, is on its area from 3.5 s on; a would leave it then."""
+    cars = snapshot(s=[15.0, 12.0], movement=[OTHER, ACROSS], accepted=[1, 1])
+    assert asked(cars, book_of(held("a", OTHER, -15.0), held("b", ACROSS, -12.0, 4.8))) == ["a"]
+
+
+def test_nobody_is_asked_who_cannot_stop() -> None:
+    cars, book = crossing_pair(3.0, first_s=8.0)
+    assert asked(cars, book) == []
+
+
+def test_ground_that_somebody_holds_without_a_clearance_is_kept_clear() -> None:
+    cars = snapshot(s=[-6.0, 28.0], movement=[ACROSS, OTHER], accepted=[-1, 1])
+    intruder = held("a", ACROSS, 6.0, clearance=0, late_x=6.0 + 2.0 * TIMES)
+    assert asked(cars, book_of(intruder, held("b", OTHER, -28.0))) == ["b"]
+
+
+def test_whoever_follows_it_in_its_lane_gives_way_too() -> None:
+    cars, book = crossing_pair(3.0)
+    cars = snapshot(s=[40.0, 43.0, 60.0], movement=[ACROSS, OTHER, OTHER], accepted=[1, 1, 1])
+    book.add(held("c", OTHER, -60.0))
+    assert asked(cars, book) == ["b", "c"]
+
+
+def test_whoever_could_not_stop_any_more_keeps_its_clearance_for_good() -> None:
+    cars, book = crossing_pair(30.0)
+    book.withdraw("a")
+    asked(cars, book)
+    assert book.held["a"].withdrawn  # it may yet drop it
+    cars = snapshot(s=[5.0, 70.0], movement=[ACROSS, OTHER], accepted=[1, 1])
+    asked(cars, book)
+    assert not book.held["a"].withdrawn
+
+
+def test_the_speed_sent_is_one_to_stop_by() -> None:
+    """Whoever drops its clearance in this step drives by the command."""
+    cars, book = crossing_pair(1.0, first_s=12.1)
+    picture = decision.picture(cars, GROUND, book, PARAMETERS)
+    assert picture.withdrawn == ("b",)
+    free, stop = picture.limits.stop
+    assert free > 1e6
+    assert stop < 10.0

@@ -92,7 +92,7 @@ class Manager:
         self._mark("programs")
 
         concluded = decision.conclude(
-            snapshot, self._ground, self._book, limits, who, winner, parameters,
+            snapshot, self._ground, self._book, picture, who, winner, parameters,
             self._next_clearance, self._strategy.slotless,
         )  # fmt: skip
         self._next_clearance += len(concluded.grants.given)

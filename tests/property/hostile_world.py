@@ -15,7 +15,7 @@ import numpy as np
 
 from gameopt_im.core import decision, planning
 from gameopt_im.core.conflicts import Ground, ground
-from gameopt_im.core.decision import Conclusion, Winner
+from gameopt_im.core.decision import Conclusion, Picture, Winner
 from gameopt_im.core.interlock import EXITING, Limits
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.reservations import Book, Reservation
@@ -122,8 +122,9 @@ class World:
         settled = decision.settle(self.book, snapshot, self.ground)
         self.accepted += len(settled.accepted)
         self.lapsed += len(settled.lapsed)
-        limits = self.limits = decision.picture(snapshot, self.ground, self.book, self.parameters).limits
-        concluded = self._conclude(snapshot, limits)
+        picture = decision.picture(snapshot, self.ground, self.book, self.parameters)
+        self.limits = picture.limits
+        concluded = self._conclude(snapshot, picture)
         self._send(snapshot, concluded)
         self._drive()
         self.cycle += 1
@@ -175,9 +176,9 @@ class World:
             accepted=taken.clearance if taken is not None else None,
         )  # fmt: skip
 
-    def _conclude(self, snapshot: Snapshot, limits: Limits) -> Conclusion:
+    def _conclude(self, snapshot: Snapshot, picture: Picture) -> Conclusion:
         rng = self._rng
-        who = planning.bidders(snapshot, self.ground, self.book, limits, self.parameters, 1)
+        who = planning.bidders(snapshot, self.ground, self.book, picture.limits, self.parameters, 1)
         n = len(who)
         s, v = snapshot.s[who.index], snapshot.v[who.index]
         near = s / np.maximum(v, 4.0)
@@ -187,7 +188,7 @@ class World:
             speeds=speeds, bids=who.bids[0] if n else np.empty(0),
         )  # fmt: skip
         concluded = decision.conclude(
-            snapshot, self.ground, self.book, limits, who, winner if n else None, self.parameters,
+            snapshot, self.ground, self.book, picture, who, winner if n else None, self.parameters,
             self._next_clearance, self.weather.slotless,
         )  # fmt: skip
         self._next_clearance += len(concluded.grants.given)

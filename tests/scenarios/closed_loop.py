@@ -103,7 +103,7 @@ class QpShare:
         def watched(*given: Any, **named: Any) -> Any:
             concluded = conclude(*given, **named)
             call = signature.bind(*given, **named).arguments
-            snapshot, limits = call["snapshot"], call["limits"]
+            snapshot, limits = call["snapshot"], call["picture"].limits
             upper = interlock.bounded(np.minimum(snapshot.v_max, snapshot.v + snapshot.a_max * STEP_S), limits)
             # whoever was granted a clearance in this very control cycle is on its profile already
             waiting = [i for i in call["who"].index if snapshot.ids[i] not in call["book"].held]
@@ -126,6 +126,7 @@ def break_rear_end_rule() -> None:
     """Rule 2 taken out of the manager's interlock and granting, and out of the vehicles' own radar."""
     from gameopt_im.core import granting, interlock
     from gameopt_im.core.kinematics import NEVER
+    from gameopt_im.core.leading import nobody
     from gameopt_vehicles import driving
 
     def nobody_ahead(x: Any, *_: object) -> Any:
@@ -133,7 +134,7 @@ def break_rear_end_rule() -> None:
 
     interlock.follow_limit = nobody_ahead
     interlock.exit_law = lambda snapshot, *_: np.full(len(snapshot), NEVER)
-    granting.leaders_of = lambda *_: granting.NOBODY
+    granting.ahead_of = lambda *_: nobody(0)
     driving.radar_limit = lambda _: float("inf")
 
 

@@ -8,14 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gameopt_im.core import interlock, program
+from gameopt_im.core import decision, interlock, program
 from gameopt_im.core.conflicts import PAPER_GROUPS, ground
+from gameopt_im.core.decision import Picture
 from gameopt_im.core.interlock import Limits
 from gameopt_im.core.kinematics import NEVER
+from gameopt_im.core.leading import Ahead, B, Ways, nobody
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.program import Traffic
 from gameopt_im.core.reservations import Book
 from gameopt_im.core.snapshot import Snapshot
+from gameopt_im.core.windows import HORIZON
 from gameopt_wire.intersection import (
     ConflictArea,
     Footprint,
@@ -152,3 +155,21 @@ def snapshot(**columns: Any) -> Snapshot:
 
 def limits_of(cars: Snapshot, book: Book) -> Limits:
     return interlock.limits(cars, GROUND, book, Parameters().exit)
+
+
+def picture_of(cars: Snapshot, book: Book) -> Picture:
+    return decision.picture(cars, GROUND, book, Parameters())
+
+
+def behind(room: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[Ahead, Ways]:
+    """One leader whose rear is `room` past where the follower counts from, at v, step by step from control cycle 0."""
+    ahead = nobody(1)
+    ahead.row[0], ahead.number[0, B] = 0, 4.5
+    return ahead, Ways(room[None], v[None], room[None], v[None], np.zeros(1, dtype=np.int64))
+
+
+def braking(x0: float, v0: float, b: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(x, v) of a vehicle that brakes fully from now."""
+    times = np.arange(HORIZON) * 0.1
+    moving = np.minimum(times, v0 / b)
+    return x0 + v0 * moving - 0.5 * b * moving**2, np.maximum(0.0, v0 - b * times)

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builders import ACROSS, GROUND, limits_of, snapshot
+from builders import ACROSS, GROUND, picture_of, snapshot
 
 from gameopt_im.core import decision
 from gameopt_im.core.decision import Settled, Winner
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.planning import Bidders
-from gameopt_im.core.profiles import HORIZON
 from gameopt_im.core.reservations import Book, Reservation
 from gameopt_im.core.snapshot import Floats, Snapshot
+from gameopt_im.core.windows import HORIZON
 
 EXPIRES_S = 10.0
 
@@ -90,9 +90,9 @@ def test_a_clearance_asked_back_is_free_once_its_vehicle_says_so() -> None:
 
 def concluded(cars: Snapshot, book: Book) -> Floats:
     """The speeds of vehicles that are all cleared already."""
-    limits = limits_of(cars, book)
+    picture = picture_of(cars, book)
     nobody = Bidders(np.empty(0, dtype=np.int64), (), np.zeros((1, 0)), np.empty(0, dtype=np.int64))
-    return decision.conclude(cars, GROUND, book, limits, nobody, None, Parameters(), 1, False).speeds
+    return decision.conclude(cars, GROUND, book, picture, nobody, None, Parameters(), 1, False).speeds
 
 
 def test_who_is_behind_its_profile_may_catch_up() -> None:
@@ -104,10 +104,11 @@ def test_who_is_behind_its_profile_may_catch_up() -> None:
 
 def test_no_planned_speed_passes_the_interlock() -> None:
     cars, book = snapshot(s=[14.0, 100.0], movement=[ACROSS, ACROSS]), Book()
-    limits = limits_of(cars, book)
+    picture = picture_of(cars, book)
+    limits = picture.limits
     who = Bidders(np.array([0, 1]), (2,), np.zeros((1, 2)), np.zeros(2, dtype=np.int64))
     winner = Winner(0, 0.0, np.array([0, 1]), np.array([30.0, 40.0]), np.array([99.0, 99.0]), np.zeros(2))
-    made = decision.conclude(cars, GROUND, book, limits, who, winner, Parameters(), 1, False)
+    made = decision.conclude(cars, GROUND, book, picture, who, winner, Parameters(), 1, False)
     assert made.speeds[0] <= limits.stop[0] or "a" in book.held
     assert (made.speeds <= limits.top).all()
     assert made.order.tolist() == [0, 1]

@@ -8,8 +8,8 @@ from builders import ACROSS, OTHER, four_arm, movement
 
 from gameopt_im.core.conflicts import ground
 from gameopt_im.core.followers import holds_up
-from gameopt_im.core.profiles import HORIZON
 from gameopt_im.core.reservations import Book, Reservation
+from gameopt_im.core.windows import HORIZON
 from gameopt_wire.messages import STEP_S
 
 SHARED = [movement(i, **({"exit_lane": "shared"} if i in {ACROSS, OTHER} else {})) for i in range(12)]

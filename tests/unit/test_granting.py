@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from builders import ACROSS, GROUND, OTHER, limits_of, snapshot
+from builders import ACROSS, GROUND, OTHER, behind, braking, picture_of, snapshot
 
 from gameopt_im.core import interlock
 from gameopt_im.core.granting import NO_SLOT, Grants, grant
 from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.core.parameters import Parameters
-from gameopt_im.core.profiles import HORIZON, STOP_PLAY_M, clear_time, drive, held_back, overlap, resting
+from gameopt_im.core.profiles import STOP_PLAY_M, drive, held_back
 from gameopt_im.core.reservations import Book, clash
 from gameopt_im.core.snapshot import Floats, Snapshot
+from gameopt_im.core.windows import HORIZON, clear_time, overlap
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
 
@@ -25,7 +26,10 @@ def granted(cars: Snapshot, book: Book, slots: list[float], first: int = 1) -> G
     """All ask, in the order of the snapshot."""
     everyone = np.arange(len(cars))
     asking = np.ones(len(cars), dtype=np.bool_)
-    return grant(cars, GROUND, book, limits_of(cars, book), everyone, np.array(slots), asking, PARAMETERS, first)
+    picture = picture_of(cars, book)
+    return grant(
+        cars, GROUND, book, picture.limits, picture.scene, everyone, np.array(slots), asking, PARAMETERS, first
+    )
 
 
 def window(begin: float, end: float, speed_in: float = 10.0, speed_out: float = 10.0) -> tuple[float, ...]:
@@ -135,7 +139,7 @@ def held(room: Floats, lead_v: Floats) -> tuple[int, Floats]:
     late_x, late_v = np.empty(HORIZON), np.empty(HORIZON)
     done = held_back(
         0.0, 10.0, np.full(HORIZON, 10.0), 0, (5.0, 2.6, 4.5), 15.0, (0.0, 10.0, 1e6),
-        room[None], lead_v[None], np.array([4.5]), late_x, late_v,
+        0, *behind(room, lead_v), late_x, late_v,
     )  # fmt: skip
     return done, late_x
 
@@ -143,7 +147,7 @@ def held(room: Floats, lead_v: Floats) -> tuple[int, Floats]:
 def test_the_worst_case_is_slower_behind_a_braking_leader() -> None:
     free_done, free = held(np.full(HORIZON, NEVER), np.zeros(HORIZON))
     np.testing.assert_allclose(free, 10.0 * TIMES)
-    lead_x, lead_v = resting(22.0, 10.0, 4.5, brake=True)
+    lead_x, lead_v = braking(22.0, 10.0, 4.5)
     room = lead_x - 7.0
     done, late = held(room, lead_v)
     assert done > free_done > 0
@@ -154,11 +158,11 @@ def test_the_worst_case_is_slower_behind_a_braking_leader() -> None:
 
 def drive_behind(room_m: float) -> int:
     """A car at 15 m/s, `room_m` behind one that stands for 3 s and is then gone."""
-    room = np.where(TIMES < 3.0, room_m, NEVER)[None]
+    room = np.where(TIMES < 3.0, room_m, NEVER)
     body, way = (5.0, 2.6, 4.5, 15.0, 15.0), (NEVER, 21.0, 22.0, 15.0, 1.0)
     x, v = np.empty(HORIZON), np.empty(HORIZON)
-    lead_v, lead_b = np.zeros((1, HORIZON)), np.array([4.5])
-    done = drive(0.0, 15.0, NO_SLOT, body, way, Manner((1.0, 3.4), 0.5, 1.0), room, lead_v, lead_b, x, v)
+    leader = behind(room, np.zeros(HORIZON))
+    done = drive(0.0, 15.0, NO_SLOT, body, way, Manner((1.0, 3.4), 0.5, 1.0), 0, *leader, x, v)
     if done >= 0:
         assert x[int(3.0 / STEP_S) - 1] <= room_m + STOP_PLAY_M
     return int(done)

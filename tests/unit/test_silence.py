@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builders import ACROSS, GROUND, limits_of, snapshot
+from builders import ACROSS, GROUND, limits_of, picture_of, snapshot
 
-from gameopt_im.core import decision, interlock
+from gameopt_im.core import interlock
 from gameopt_im.core.granting import NO_SLOT, grant
 from gameopt_im.core.interlock import CLEARED, EXITING, INTRUDING, UNCLEARED
 from gameopt_im.core.parameters import Parameters
-from gameopt_im.core.profiles import HORIZON
 from gameopt_im.core.reservations import Book, Reservation
 from gameopt_im.core.snapshot import Snapshot
+from gameopt_im.core.windows import HORIZON
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
 
@@ -105,9 +105,10 @@ def test_who_was_not_heard_may_have_become_faster() -> None:
 def test_nobody_is_cleared_behind_a_vehicle_that_was_never_heard(gap: float, refused: bool) -> None:
     cars = snapshot(s=[40.0], gap=[gap])
     book = Book()
+    picture = picture_of(cars, book)
     given = grant(
-        cars, GROUND, book, limits_of(cars, book), np.arange(1), np.array([NO_SLOT]), np.ones(1, dtype=np.bool_),
-        PARAMETERS, 1,
+        cars, GROUND, book, picture.limits, picture.scene, np.arange(1), np.array([NO_SLOT]),
+        np.ones(1, dtype=np.bool_), PARAMETERS, 1,
     ).given  # fmt: skip
     assert (not given) is refused
 
@@ -122,9 +123,9 @@ def test_a_worst_case_is_brought_up_to_date_only_from_fresh_states() -> None:
     for age, kept in ((0.0, False), (0.1, True)):
         cars = snapshot(s=[10.0], cycle=20, age=[age], heard_s=[11.0 if age else 10.0])
         book = holding(cars, accepted=True)
-        before = book.held["a"].late_x
-        decision.picture(cars, GROUND, book, PARAMETERS)
-        assert (book.held["a"].late_x is before) is kept
+        before = book.held["a"].late_x.copy()
+        picture_of(cars, book)
+        assert (book.held["a"].late_x == before).all() is np.bool_(kept)
 
 
 def test_who_is_silent_is_not_taken_to_have_overtaken() -> None:

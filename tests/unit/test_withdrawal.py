@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from builders import ACROSS, GROUND, OTHER, limits_of, snapshot
+from builders import ACROSS, GROUND, OTHER, limits_of, picture_of, snapshot
 
-from gameopt_im.core import decision
 from gameopt_im.core.parameters import Parameters
-from gameopt_im.core.profiles import HORIZON
 from gameopt_im.core.reservations import Book, Reservation
 from gameopt_im.core.snapshot import Snapshot
+from gameopt_im.core.windows import HORIZON
 from gameopt_im.core.withdrawal import withdraw
 from gameopt_wire.messages import STEP_S
 
@@ -98,7 +97,7 @@ def test_whoever_could_not_stop_any_more_keeps_its_clearance_for_good() -> None:
 def test_the_speed_sent_is_one_to_stop_by() -> None:
     """Whoever drops its clearance in this step drives by the command."""
     cars, book = crossing_pair(1.0, first_s=12.1)
-    picture = decision.picture(cars, GROUND, book, PARAMETERS)
+    picture = picture_of(cars, book)
     assert picture.withdrawn == ("b",)
     free, stop = picture.limits.stop
     assert free > 1e6

@@ -12,13 +12,16 @@ import numpy as np
 
 from gameopt_im.core import auction, interlock
 from gameopt_im.core.conflicts import Ground
-from gameopt_im.core.granting import NO_SLOT, Grants, grant, intrusions, refresh
+from gameopt_im.core.granting import NO_SLOT, Grants, grant, intrusions
 from gameopt_im.core.interlock import CLEARED, UNCLEARED, Limits
+from gameopt_im.core.leading import Scene
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.planning import Bidders
 from gameopt_im.core.reservations import Book, Reservation, crossing_time
+from gameopt_im.core.scene import scene_of
 from gameopt_im.core.snapshot import NONE, Floats, Ints, Snapshot
 from gameopt_im.core.withdrawal import withdraw
+from gameopt_im.core.worst_cases import refresh
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
 
@@ -63,9 +66,10 @@ def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """What the interlock allows each vehicle, who has strayed, and whose clearance is asked back now."""
+    """What the interlock allows each vehicle, the scene, who has strayed, and whose clearance is asked back now."""
 
     limits: Limits
+    scene: Scene
     strayed: tuple[str, ...]
     withdrawn: tuple[str, ...]
 
@@ -73,11 +77,14 @@ class Picture:
 def picture(snapshot: Snapshot, ground: Ground, book: Book, parameters: Parameters) -> Picture:
     """Who may do what next; ground is held for any vehicle that may be in the zone without a clearance."""
     limits = interlock.limits(snapshot, ground, book, parameters.exit)
-    strayed = refresh(snapshot, ground, book, limits, parameters)
-    for intrusion in intrusions(snapshot, limits):
-        book.held.setdefault(intrusion.vehicle, intrusion)
+    scene = scene_of(snapshot, ground, book, limits, parameters.exit)
+    strayed = refresh(snapshot, scene, book)
+    for i, intrusion in intrusions(snapshot, limits):
+        if intrusion.vehicle not in book.held:
+            book.add(intrusion)
+            scene.way[i] = book.row[intrusion.vehicle]
     withdrawn = withdraw(snapshot, ground, book, limits, parameters.interlock)
-    return Picture(_held_up(snapshot, ground, book, limits), strayed, withdrawn)
+    return Picture(_held_up(snapshot, ground, book, limits), scene, strayed, withdrawn)
 
 
 def _held_up(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits) -> Limits:
@@ -121,7 +128,7 @@ def conclude(
     snapshot: Snapshot,
     ground: Ground,
     book: Book,
-    limits: Limits,
+    picture: Picture,
     who: Bidders,
     winner: Winner | None,
     parameters: Parameters,
@@ -132,6 +139,7 @@ def conclude(
 
     `slotless` is the paper's profile: a clearance is asked for only when rule 1 binds, and without a slot.
     """
+    limits = picture.limits
     planned = np.minimum(snapshot.v_max, snapshot.v + snapshot.a_max * parameters.planner.accel_share * STEP_S)
     slots = np.full(len(snapshot), np.nan)
     order = np.empty(0, dtype=np.int64)
@@ -144,7 +152,7 @@ def conclude(
         if not slotless:
             asking |= slots < parameters.interlock.grant_ahead_s
         aims = np.full(len(snapshot), NO_SLOT) if slotless else slots
-        grants = grant(snapshot, ground, book, limits, order, aims, asking, parameters, next_clearance)
+        grants = grant(snapshot, ground, book, limits, picture.scene, order, aims, asking, parameters, next_clearance)
         _price(snapshot, book, who, winner, grants, parameters)
     _follow_profiles(snapshot, book, limits, planned, slots)
     held = [i for i, vehicle in enumerate(snapshot.ids) if vehicle in book.held]

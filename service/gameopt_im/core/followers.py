@@ -7,13 +7,13 @@ and then, if it is slow, rule 2 brakes the second in the conflict zone: it comes
 
 from __future__ import annotations
 
-import numpy as np
-
 from gameopt_im.core.conflicts import Ground
-from gameopt_im.core.kinematics import NEVER, kernel
-from gameopt_im.core.profiles import RULE_TOLERANCE_MPS, follow, time_at
+from gameopt_im.core.kinematics import kernel
+from gameopt_im.core.leading import BACK, SINCE, B, V, Ways, X, index_of_now, nobody, ways_of
+from gameopt_im.core.profiles import RULE_TOLERANCE_MPS, follow
 from gameopt_im.core.reservations import Book, Reservation
 from gameopt_im.core.snapshot import Floats
+from gameopt_im.core.windows import time_at
 from gameopt_wire import motion
 
 
@@ -21,29 +21,45 @@ def holds_up(book: Book, ground: Ground, made: Reservation, cycle: int) -> bool:
     """Whether somebody cleared already would come later than in its worst case, behind this crossing in its own."""
     exit_lane, own = ground.exit_lane, float(ground.length[made.movement])
     merges = float(time_at(made.x, made.step(cycle), own))
-    for held in book.held.values():
+    for vehicle, held in book.held.items():
         if not held.clearance or held.lane == made.lane or exit_lane[held.movement] != exit_lane[made.movement]:
             continue
-        first, path = held.step(cycle), float(ground.length[held.movement])
-        if float(time_at(held.x, first, path)) <= merges:
+        path = float(ground.length[held.movement])
+        if float(time_at(held.x, held.step(cycle), path)) <= merges:
             continue  # it is ahead
         back = made.length + motion.REAR_GAP_M + own - path
-        room: Floats = np.where(made.late_x >= own, made.late_x - back, NEVER)
         clear = float(ground.clear[held.movement]) + held.length
-        leader = room[None], made.late_v[None], np.array([made.b])
-        if not _keeps_behind(held.late_x, held.late_v, held.b, first, clear, *leader):
+        lead = made.late_x, made.late_v, made.b, back, own
+        if not _keeps_behind(book.row[vehicle], held.b, clear, *lead, cycle, ways_of(book.rows)):
             return True
     return False
 
 
 @kernel
 def _keeps_behind(
-    x: Floats, v: Floats, b: float, first: int, clear: float, lead_room: Floats, lead_v: Floats, lead_b: Floats
+    row: int,
+    b: float,
+    clear: float,
+    lead_x: Floats,
+    lead_v: Floats,
+    lead_b: float,
+    back: float,
+    since: float,
+    cycle: int,
+    ways: Ways,
 ) -> bool:
-    """Whether rule 2 behind the leaders lets a vehicle keep to (x, v) from step `first` until it is at `clear`."""
-    for k in range(first, x.shape[0] - 1):
-        if x[k] >= clear:
+    """Whether rule 2 behind a leader leaves a reservation its worst case from now until it is at `clear`.
+
+    The leader counts once its front is at `since`.
+    """
+    ahead, steps = nobody(1), ways.x.shape[1]
+    ahead.number[0, B], ahead.number[0, BACK], ahead.number[0, SINCE] = lead_b, back, since
+    first = index_of_now(row, cycle, ways.start, steps)
+    for k in range(first, steps - 1):
+        x, v = ways.late_x[row, k], ways.late_v[row, k]
+        if x >= clear:
             return True
-        if follow(x[k], v[k], b, k - first, lead_room, lead_v, lead_b)[0] < v[k + 1] - RULE_TOLERANCE_MPS:
+        ahead.number[0, X], ahead.number[0, V] = lead_x[k - first], lead_v[k - first]  # where it is at this very step
+        if follow(x, v, b, 0, True, cycle, ahead, ways)[0] < ways.late_v[row, k + 1] - RULE_TOLERANCE_MPS:
             return False
     return True

@@ -13,10 +13,10 @@ from gameopt_im.core.horizon import HorizonRules, HorizonTask
 from gameopt_im.core.interlock import UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER, manner_of
 from gameopt_im.core.parameters import Parameters
-from gameopt_im.core.profiles import time_at
 from gameopt_im.core.reservations import Book, Stack, blocked_windows, crossing_time
 from gameopt_im.core.slots import Demand, Rules, schedule, weighted_delay
 from gameopt_im.core.snapshot import Floats, Ints, Snapshot
+from gameopt_im.core.windows import time_at
 from gameopt_wire import motion
 
 INCUMBENT = -1

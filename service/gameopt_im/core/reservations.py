@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from gameopt_im.core.kinematics import kernel
-from gameopt_im.core.profiles import HORIZON, occupancy, overlap
 from gameopt_im.core.snapshot import Floats, Ints
+from gameopt_im.core.windows import HORIZON, occupancy, overlap
 from gameopt_wire.messages import STEP_S
 
 Occupancy = tuple[float, float, float, float]
@@ -54,8 +54,29 @@ class Reservation:
         return [float(u) for u in self.v[: self.done + 1]]
 
 
+class Rows(NamedTuple):
+    """Reservations as arrays for the kernels, one a row; what lies beyond a book's last row means nothing."""
+
+    x: Floats
+    v: Floats
+    late_x: Floats
+    late_v: Floats
+    start: Ints
+    movement: Ints
+    footprint: Ints
+    length: Floats
+    b: Floats
+
+
+def _rows(count: int) -> Rows:
+    x, v, late_x, late_v = np.zeros((4, count, HORIZON))
+    start, movement, footprint = np.zeros((3, count), np.int64)
+    length, b = np.zeros((2, count))
+    return Rows(x, v, late_x, late_v, start, movement, footprint, length, b)
+
+
 class Stack(NamedTuple):
-    """The reservations of a book as arrays for the kernels, R rows; `first` is the row's index of now."""
+    """The rows in use, R of them, as seen from a control cycle: `first` is each one's index of now."""
 
     x: Floats
     late_x: Floats
@@ -67,13 +88,34 @@ class Stack(NamedTuple):
 
 @dataclass(slots=True)
 class Book:
-    """All reservations in force, in the order they were given; each vehicle holds one at the most."""
+    """All reservations in force; each vehicle holds one at the most, and each has its row.
+
+    The `late_x` and `late_v` of what is held are views of its row: worst cases are brought up to date in place.
+    """
 
     held: dict[str, Reservation] = field(default_factory=dict)
+    row: dict[str, int] = field(default_factory=dict)
+    rows: Rows = field(default_factory=lambda: _rows(64))
 
     def add(self, reservation: Reservation) -> None:
         """Enter a reservation; its windows have been checked against every other in the book."""
-        self.held[reservation.vehicle] = reservation
+        self.make_room(1)
+        row = self.row.setdefault(reservation.vehicle, len(self.row))
+        for name in Rows._fields:
+            getattr(self.rows, name)[row] = getattr(reservation, name)
+        self.held[reservation.vehicle] = self._viewing(reservation, row)
+
+    def make_room(self, count: int) -> None:
+        """See to it that `count` reservations more can be added while the rows stay where they are."""
+        while len(self.row) + count > len(self.rows.start):
+            grown = _rows(2 * len(self.rows.start))
+            for old, new in zip(self.rows, grown, strict=True):
+                new[: len(old)] = old
+            self.rows = grown
+            self.held = {vehicle: self._viewing(each, self.row[vehicle]) for vehicle, each in self.held.items()}
+
+    def _viewing(self, reservation: Reservation, row: int) -> Reservation:
+        return replace(reservation, late_x=self.rows.late_x[row], late_v=self.rows.late_v[row])
 
     def accept(self, vehicle: str) -> None:
         """The vehicle has taken its clearance: from now on it holds the ground until it has left it."""
@@ -88,23 +130,26 @@ class Book:
         self.held[vehicle] = replace(self.held[vehicle], price=price, bid=bid)
 
     def free(self, vehicle: str) -> Reservation:
-        """Give the ground back."""
+        """Give the ground back. The last row moves into the one that is free now."""
+        last, hole = len(self.row) - 1, self.row.pop(vehicle)
+        if hole != last:
+            moved = next(each for each, row in self.row.items() if row == last)
+            for part in self.rows:
+                part[hole] = part[last]
+            self.row[moved] = hole
+            self.held[moved] = self._viewing(self.held[moved], hole)
         return self.held.pop(vehicle)
+
+    def by_row(self) -> list[str]:
+        """Whose reservation each row is."""
+        return sorted(self.row, key=self.row.__getitem__)
 
     def stack(self, cycle: int) -> Stack:
         """The arrays of all reservations, as seen from a control cycle."""
-        rows = list(self.held.values())
-        if not rows:
-            empty = np.empty((0, HORIZON))
-            none = np.empty(0, np.int64)
-            return Stack(empty, empty, none, none, none, np.empty(0))
+        rows, used = self.rows, len(self.row)
+        first = np.clip(cycle - rows.start[:used], 0, HORIZON - 1)
         return Stack(
-            np.stack([r.x for r in rows]),
-            np.stack([r.late_x for r in rows]),
-            np.array([r.step(cycle) for r in rows]),
-            np.array([r.movement for r in rows]),
-            np.array([r.footprint for r in rows]),
-            np.array([r.length for r in rows]),
+            rows.x[:used], rows.late_x[:used], first, rows.movement[:used], rows.footprint[:used], rows.length[:used]
         )
 
 

@@ -16,9 +16,9 @@ from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.interlock import UNCLEARED, Limits, can_stop
 from gameopt_im.core.kinematics import kernel
 from gameopt_im.core.parameters import Interlock
-from gameopt_im.core.profiles import occupancy, overlap
 from gameopt_im.core.reservations import Book, Stack, crossing_time
 from gameopt_im.core.snapshot import Bools, Floats, Snapshot
+from gameopt_im.core.windows import occupancy, overlap
 
 MARGIN_SHARE = 0.5
 """Share of the margin between two windows that has to be left; tracking may use up the rest and make it good again."""
@@ -64,7 +64,7 @@ def _stuck(snapshot: Snapshot, book: Book, limits: Limits, asked: set[str]) -> s
 def _too_near(book: Book, ground: Ground, cycle: int, interlock: Interlock) -> list[tuple[str, str]]:
     """The pairs of vehicles whose windows have come too near each other on some conflict area."""
     stack = book.stack(cycle)
-    vehicles = list(book.held)
+    vehicles = book.by_row()
     margin_s, margin_m = MARGIN_SHARE * interlock.margin_s, MARGIN_SHARE * interlock.margin_m
     near = clashing(stack, ground.windows, margin_s, margin_m)
     return [(vehicles[a], vehicles[b]) for a, b in np.argwhere(near)]

@@ -1,0 +1,189 @@
+"""Whom a vehicle has to stay behind, and where those go: nominal and worst case, step by step from now.
+
+A leader that holds a reservation follows its profile, one that is past the conflict zone its exit way; of any other
+nothing is known, so it goes on at its speed, and in the worst case brakes fully from now. A vehicle's leaders are the
+next ones ahead in its lane, whoever else is bound for its exit lane, and a stranger that its radar sees.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gameopt_im.core.kinematics import NEVER, kernel
+from gameopt_im.core.reservations import Rows
+from gameopt_im.core.snapshot import Bools, Floats, Ints
+from gameopt_wire import motion
+from gameopt_wire.messages import STEP_S
+
+UNCLEARED = 0
+"""As in `interlock`: a phase that leads nobody on an exit lane."""
+LOOSE = -1
+"""In place of a row: nothing is known of where this leader goes."""
+
+
+class Scene(NamedTuple):
+    """The n vehicles of a snapshot as one who grants clearances sees them; x is metres past the own stop line.
+
+    `bound` is the exit lane, `path` the length of the way over the zone, `clear` where the rear stands clear, `span`
+    how long a vehicle is to those behind it in its lane; `leaders` (n, R) and `downstream` as in `Limits`, `apart`
+    (M, M) as in `Ground`. `floor` and `sight` are the lowest speed of the exit law and where sight ends on the exit
+    lane, `decel` is the law's deceleration. `way` is the row of a vehicle's reservation or exit way, LOOSE for none;
+    `exiting` marks the latter. `cycle` is the control cycle.
+    """
+
+    cycle: int
+    x: Floats
+    v: Floats
+    length: Floats
+    a: Floats
+    b: Floats
+    fresh: Bools
+    phase: Ints
+    movement: Ints
+    lane: Ints
+    bound: Ints
+    path: Floats
+    clear: Floats
+    span: Floats
+    leaders: Ints
+    downstream: Ints
+    stranger_x: Floats
+    stranger_v: Floats
+    stranger_b: Floats
+    floor: Floats
+    sight: Floats
+    decel: float
+    apart: Floats
+    way: Ints
+    exiting: Bools
+
+
+class Ways(NamedTuple):
+    """Where everybody with a row goes, nominal and worst case, from control cycle `start` on (rows, HORIZON)."""
+
+    x: Floats
+    v: Floats
+    late_x: Floats
+    late_v: Floats
+    start: Ints
+
+
+class Ahead(NamedTuple):
+    """m leaders of one vehicle: their rows in `Ways`, and numbers (m, 7), by the columns below.
+
+    The room behind a leader is its x less `BACK`. It counts from where its x + `SHIFT` reaches `SINCE` (it has merged)
+    until x reaches `UNTIL` (it has parted). `X` and `V` are for those without a row.
+    """
+
+    row: Ints
+    number: Floats
+
+
+X, V, B, BACK, SHIFT, SINCE, UNTIL = range(7)
+
+
+@kernel
+def ways_of(rows: Rows) -> Ways:
+    """The ways in a book's rows."""
+    return Ways(rows.x, rows.v, rows.late_x, rows.late_v, rows.start)
+
+
+@kernel
+def index_of_now(row: int, cycle: int, start: Ints, steps: int) -> int:
+    """The index of a control cycle in a row's arrays."""
+    return int(min(max(cycle - start[row], 0), steps - 1))
+
+
+@kernel
+def room_behind(m: int, k: int, late: bool, cycle: int, ahead: Ahead, ways: Ways) -> tuple[float, float]:
+    """(room, speed) of leader m at step k from now, in the worst case if `late`; NEVER where it does not count.
+
+    Past its end a profile goes on at its last speed. If it stood still there its follower's would stop behind it, that
+    one's follower's a little sooner, and so on through an unbroken platoon, until a vehicle stops in the conflict zone
+    for nothing. Worst cases may stand still: they are brought up to date every control cycle.
+    """
+    row, number = ahead.row[m], ahead.number[m]
+    if row >= 0:
+        last = ways.x.shape[1] - 1
+        at = index_of_now(row, cycle, ways.start, last + 1) + k
+        over = max(0, at - last)
+        at = min(at, last)
+        if late:
+            x, v = ways.late_x[row, at], ways.late_v[row, at]
+        else:
+            v = ways.v[row, at]
+            x = ways.x[row, at] + v * STEP_S * over
+    else:
+        time, x, v = k * STEP_S, number[X], number[V]
+        if late:
+            moving = min(time, v / number[B])
+            x = x + v * moving - 0.5 * number[B] * (moving * moving)
+            v = max(0.0, v - number[B] * time)
+        else:
+            x = x + v * time
+    if x + number[SHIFT] < number[SINCE] or x >= number[UNTIL]:
+        return NEVER, v
+    return x - number[BACK], v
+
+
+@kernel
+def nobody(count: int) -> Ahead:
+    """Places for `count` leaders, none of which counts yet."""
+    ahead = Ahead(np.full(count, LOOSE), np.zeros((count, 7)))
+    ahead.number[:, X], ahead.number[:, B] = NEVER, 1.0
+    ahead.number[:, SINCE], ahead.number[:, UNTIL] = -NEVER, 2.0 * NEVER
+    return ahead
+
+
+@kernel
+def _place(m: int, j: int, scene: Scene, ahead: Ahead) -> None:
+    """Put vehicle j in place m."""
+    ahead.row[m] = scene.way[j]
+    ahead.number[m, X], ahead.number[m, V], ahead.number[m, B] = scene.x[j], scene.v[j], scene.b[j]
+
+
+@kernel
+def _place_stranger(m: int, i: int, scene: Scene, ahead: Ahead) -> None:
+    """Put the stranger that i sees in place m."""
+    ahead.number[m, X] = scene.stranger_x[i] - motion.REAR_GAP_M
+    ahead.number[m, V], ahead.number[m, B] = scene.stranger_v[i], scene.stranger_b[i]
+
+
+@kernel
+def ahead_of(i: int, scene: Scene) -> Ahead:
+    """The vehicles that i has to stay behind: its lane leaders, whoever is bound for its exit lane, and a stranger."""
+    ahead = nobody(scene.x.shape[0] + scene.leaders.shape[1] + 1)
+    number, m = ahead.number, 0
+    for j in range(scene.x.shape[0]):
+        if scene.lane[j] == scene.lane[i] or scene.bound[j] != scene.bound[i] or scene.phase[j] == UNCLEARED:
+            continue
+        _place(m, j, scene, ahead)
+        number[m, SHIFT] = scene.path[i] - scene.path[j]
+        number[m, BACK] = scene.length[j] + motion.REAR_GAP_M - number[m, SHIFT]
+        number[m, SINCE] = scene.path[i]
+        m += 1
+    if scene.stranger_x[i] < NEVER:
+        _place_stranger(m, i, scene, ahead)
+        m += 1
+    for j in scene.leaders[i]:
+        if j >= 0:
+            _place(m, j, scene, ahead)
+            number[m, BACK] = scene.span[j] + motion.REAR_GAP_M
+            number[m, UNTIL] = scene.length[j] + scene.apart[scene.movement[i], scene.movement[j]]
+            m += 1
+    return Ahead(ahead.row[:m], number[:m])
+
+
+@kernel
+def ahead_on_exit(i: int, scene: Scene) -> Ahead:
+    """The one that an exiting vehicle has to stay behind: the next on its exit lane, or else a stranger."""
+    ahead = nobody(1)
+    j = scene.downstream[i]
+    if j >= 0 and scene.exiting[j]:
+        _place(0, j, scene, ahead)
+        ahead.number[0, BACK] = scene.length[j] + motion.REAR_GAP_M - (scene.path[i] - scene.path[j])
+    elif scene.stranger_x[i] < NEVER:
+        _place_stranger(0, i, scene, ahead)
+    return ahead

@@ -1,0 +1,55 @@
+"""Bringing worst cases up to date, every control cycle, from where the vehicles really are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gameopt_im.core.kinematics import kernel
+from gameopt_im.core.leading import Scene, ahead_of, index_of_now, ways_of
+from gameopt_im.core.profiles import held_back
+from gameopt_im.core.reservations import Book, Rows
+from gameopt_im.core.scene import law_of
+from gameopt_im.core.snapshot import Bools, Ints, Snapshot
+
+OFF_PROFILE_M = 0.4
+"""A vehicle farther than this outside its profile and worst case has strayed: its windows may no longer hold."""
+
+
+def refresh(snapshot: Snapshot, scene: Scene, book: Book) -> tuple[str, ...]:
+    """Bring the worst cases up to date, front to back; the vehicles that have strayed.
+
+    What leaders might have done since, they have not, so the worst case of a vehicle that tracks its profile only gets
+    better. One has strayed if it is ahead of its profile or behind the worst case it was reserved for.
+    """
+    held = [
+        (float(snapshot.s[i]), vehicle, i)
+        for i, vehicle in enumerate(snapshot.ids)
+        if vehicle in book.held and book.held[vehicle].clearance
+    ]
+    order = np.array([i for _, _, i in sorted(held)], dtype=np.int64)
+    strayed = bring_up_to_date(order, scene, book.rows)
+    return tuple(snapshot.ids[i] for i in order[strayed])
+
+
+@kernel
+def bring_up_to_date(order: Ints, scene: Scene, rows: Rows) -> Bools:
+    """New worst cases, in place, of the vehicles in `order`; which of them have strayed."""
+    steps, ways = rows.x.shape[1], ways_of(rows)
+    strayed = np.zeros(order.shape[0], np.bool_)
+    late_x, late_v = np.empty(steps), np.empty(steps)
+    for n in range(order.shape[0]):
+        i = order[n]
+        row = scene.way[i]
+        k = index_of_now(row, scene.cycle, rows.start, steps)
+        if not scene.fresh[i] or k >= steps - 2:
+            continue
+        x = scene.x[i]
+        strayed[n] = not rows.late_x[row, k] - OFF_PROFILE_M <= x <= rows.x[row, k] + OFF_PROFILE_M
+        done = held_back(
+            x, scene.v[i], rows.v[row], k, (rows.length[row], scene.a[i], rows.b[row]), scene.clear[i],
+            law_of(i, scene), scene.cycle, ahead_of(i, scene), ways, late_x, late_v,
+        )  # fmt: skip
+        if done >= 0:
+            rows.late_x[row, k:] = late_x[k:]
+            rows.late_v[row, k:] = late_v[k:]
+    return strayed

@@ -77,3 +77,16 @@ def test_the_same_seed_gives_the_same_traffic() -> None:
 
     assert traffic(1) == traffic(1)
     assert traffic(1) != traffic(2)
+
+
+@pytest.mark.parametrize("exit_m", [60.0, 400.0])
+def test_vehicles_leave_where_their_exit_ends_or_is_no_longer_watched(exit_m: float) -> None:
+    movements = [msgspec.structs.replace(each, exit_length_m=exit_m) for each in MAP.movements]
+    road = SyntheticRoad(msgspec.structs.replace(MAP, movements=movements), 8, seed=1)
+    farthest = 0.0
+    for _ in range(300):
+        for seen in road.step():
+            past_m = -seen.distance_m - movements[seen.movement_index].length_m
+            farthest = max(farthest, past_m)
+            road.set_speed(seen.vehicle, 20.0)
+    assert farthest == pytest.approx(min(exit_m, 250.0), abs=2.0)

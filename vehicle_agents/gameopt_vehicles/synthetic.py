@@ -17,7 +17,7 @@ from gameopt_wire.intersection import IntersectionMap, Lane
 from gameopt_wire.messages import STEP_S
 
 EXIT_RANGE_M = 250.0
-"""A vehicle leaves the road this far along its exit lane."""
+"""A vehicle leaves the road this far along its exit lane, or where that ends."""
 ENTRY_HEADWAY_S = 1.2
 # share, length m, width m, acceleration m/s^2, deceleration m/s^2; what SUMO gives these classes by default
 CLASSES: dict[str, tuple[float, float, float, float, float]] = {
@@ -82,8 +82,6 @@ class SyntheticRoad:
         self._step += 1
         for car in list(self._vehicles.values()):
             self._move(car)
-            if car.distance_m < -self.map.movements[car.movement_index].length_m - EXIT_RANGE_M:
-                del self._vehicles[car.vehicle]
         for lane in self._random.permutation(sorted(self._movements_of)).tolist():
             if len(self._vehicles) < self._present:
                 self._enter(lane)

@@ -154,9 +154,8 @@ def conclude(
         aims = np.full(len(snapshot), NO_SLOT) if slotless else slots
         grants = grant(snapshot, ground, book, limits, picture.scene, order, aims, asking, parameters, next_clearance)
         _price(snapshot, book, who, winner, grants, parameters)
-    _follow_profiles(snapshot, book, limits, planned, slots)
-    held = [i for i, vehicle in enumerate(snapshot.ids) if vehicle in book.held]
-    held.sort(key=lambda i: crossing_time(book.held[snapshot.ids[i]], snapshot.cycle))
+    crossing = _follow_profiles(snapshot, book, limits, planned, slots)
+    held = sorted(crossing, key=crossing.__getitem__)
     waiting = [i for i in order if snapshot.ids[i] not in book.held]
     return Conclusion(
         speeds=interlock.bounded(planned, limits),
@@ -166,17 +165,24 @@ def conclude(
     )
 
 
-def _follow_profiles(snapshot: Snapshot, book: Book, limits: Limits, planned: Floats, slots: Floats) -> None:
-    """Plan every vehicle with a clearance, taken or offered, onto its profile."""
+def _follow_profiles(
+    snapshot: Snapshot, book: Book, limits: Limits, planned: Floats, slots: Floats
+) -> dict[int, float]:
+    """Plan every vehicle with a clearance, taken or offered, onto its profile; when whoever holds ground crosses, s."""
+    crossing = {}
     for i, vehicle in enumerate(snapshot.ids):
         reservation = book.held.get(vehicle)
-        if reservation is None or reservation.clearance == 0:
+        if reservation is None:
+            continue
+        crossing[i] = crossing_time(reservation, snapshot.cycle)
+        if reservation.clearance == 0:
             continue
         k = reservation.step(snapshot.cycle)
-        slots[i] = crossing_time(reservation, snapshot.cycle)
+        slots[i] = crossing[i]
         if limits.phase[i] in (CLEARED, UNCLEARED):
             ahead = float(reservation.v[min(k + 1, len(reservation.v) - 1)])
             planned[i] = motion.tracking_speed(ahead, float(reservation.x[k] + snapshot.s[i]))
+    return crossing
 
 
 def _price(

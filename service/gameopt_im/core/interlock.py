@@ -198,15 +198,11 @@ def _slowed(x: float, v: float, b: float, slowest: float, time: float) -> tuple[
 
 def exit_law(snapshot: Snapshot, leader: Ints, along: Floats, limits: Exit, exit_mps: Floats) -> Floats:
     """Speed that opens the headway to the leader on the exit, m/s: gently, and never to a crawl by itself."""
-    speed = np.full(len(snapshot), NEVER)
-    for i in np.flatnonzero(leader >= 0):
-        j = leader[i]
-        gap = along[j] - snapshot.length[j] - along[i] - motion.REAR_GAP_M
-        wanted = limits.headway_s * snapshot.v[i]
-        opening = snapshot.v[j] + (gap - wanted) / OPENING_TIME_S
-        slowest = snapshot.v[i] + snapshot.a_max[i] * snapshot.age[i] - limits.decel_mps2 * STEP_S
-        speed[i] = max(opening, slowest, motion.OPENING_FLOOR * exit_mps[i])
-    return speed
+    led, v = leader >= 0, snapshot.v
+    gap = along[leader] - snapshot.length[leader] - along - motion.REAR_GAP_M
+    opening = v[leader] + (gap - limits.headway_s * v) / OPENING_TIME_S
+    slowest = v + snapshot.a_max * snapshot.age - limits.decel_mps2 * STEP_S
+    return np.where(led, np.maximum(np.maximum(opening, slowest), motion.OPENING_FLOOR * exit_mps), NEVER)
 
 
 OPENING_TIME_S = 8.0
@@ -250,21 +246,32 @@ def limits(snapshot: Snapshot, ground: Ground, book: Book, exit_parameters: Exit
 
 def stop_limits(snapshot: Snapshot, ground: Ground, bound: Bools) -> Floats:
     """Rule 1 for whom it binds, m/s; NEVER for the others."""
-    out = np.full(len(snapshot), NEVER)
     room = snapshot.s - ground.setback[snapshot.movement, snapshot.footprint]
-    for i in np.flatnonzero(bound):
-        out[i] = motion.stop_speed(float(room[i]), float(snapshot.v[i]), float(snapshot.b_max[i]), STEP_S)
+    return _stop_speeds(bound, room, snapshot.v, snapshot.b_max)
+
+
+@kernel
+def _stop_speeds(bound: Bools, room: Floats, v: Floats, b: Floats) -> Floats:
+    out = np.full(room.shape[0], NEVER)
+    for i in range(room.shape[0]):
+        if bound[i]:
+            out[i] = motion.stop_speed(room[i], v[i], b[i], STEP_S)
     return out
 
 
 def _turn_limits(snapshot: Snapshot, ground: Ground, exiting: Bools) -> Floats:
-    out = np.full(len(snapshot), NEVER)
+    """Rule 3 up to the end of the conflict zone, m/s; NEVER where no turning speed holds."""
     turn = ground.turn_mps[snapshot.movement]
     inside = (-snapshot.s < ground.length[snapshot.movement]) & ~exiting & np.isfinite(turn)
-    for i in np.flatnonzero(inside):
-        out[i] = motion.turn_speed(
-            float(snapshot.s[i]), float(snapshot.v[i]), float(snapshot.b_max[i]), STEP_S, float(turn[i])
-        )
+    return _turn_speeds(inside, snapshot.s, snapshot.v, snapshot.b_max, turn)
+
+
+@kernel
+def _turn_speeds(inside: Bools, s: Floats, v: Floats, b: Floats, turn: Floats) -> Floats:
+    out = np.full(s.shape[0], NEVER)
+    for i in range(s.shape[0]):
+        if inside[i]:
+            out[i] = motion.turn_speed(s[i], v[i], b[i], STEP_S, turn[i])
     return out
 
 

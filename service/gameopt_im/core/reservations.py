@@ -215,9 +215,14 @@ def blocked_windows(
 
 def crossing_time(reservation: Reservation, cycle: int) -> float:
     """When a reservation's front crosses the line, s from the control cycle; negative once it has."""
-    k = int(np.searchsorted(reservation.x, 0.0))
-    if k == 0 or k >= HORIZON:
-        return -float(reservation.step(cycle)) * STEP_S
-    before, after = reservation.x[k - 1], reservation.x[k]
+    return float(_crosses(reservation.x, reservation.step(cycle), cycle - reservation.start))
+
+
+@kernel
+def _crosses(x: Floats, step: int, since: int) -> float:
+    k = np.searchsorted(x, 0.0)
+    if k == 0 or k >= x.shape[0]:
+        return -step * STEP_S
+    before, after = x[k - 1], x[k]
     part = -before / (after - before) if after > before else 0.0
-    return float(k - 1 + part - (cycle - reservation.start)) * STEP_S
+    return (k - 1 + part - since) * STEP_S

@@ -20,6 +20,7 @@ from gameopt_wire.messages import Geometry, Profile
 BAD_INPUT = 2
 DIFFERENT = 1
 MOST_WORKERS = 64
+MOST_VEHICLES = 2000
 FILE = click.Path(path_type=Path, dir_okay=False)
 
 
@@ -154,6 +155,64 @@ def serve(
     from gameopt_im.service import serve as run_service  # compiles the core: not before the input is sound
 
     run_until_signal(run_service(options))
+
+
+@commands.command(context_settings={"show_default": True})
+@click.option(
+    "--vehicles",
+    default="50,100,200,260",
+    metavar="N,N,...",
+    callback=lambda _context, _option, text: _counts(text),
+    help="Numbers of vehicles to make up traffic of.",
+)
+@click.option("--recording", type=FILE, multiple=True, show_default=False, help="Measure on this FILE.mcap, too.")
+@click.option("--candidates", type=click.IntRange(1, 64), metavar="K", default=8, help="Candidate sequences.")
+@click.option("--workers", type=click.IntRange(0, MOST_WORKERS), metavar="N", default=1, help="Solver processes.")
+@click.option("--cycles", type=click.IntRange(1), default=2000, help="Control cycles of each number of vehicles.")
+@click.option("--json", "json_file", type=FILE, metavar="FILE", show_default=False, help="Write the figures here.")
+def bench(
+    *,
+    vehicles: tuple[int, ...],
+    recording: tuple[Path, ...],
+    candidates: int,
+    workers: int,
+    cycles: int,
+    json_file: Path | None,
+) -> None:
+    """Measure how long decisions take, stage by stage, without a network."""
+    import msgspec
+    from rich.console import Console
+
+    logs.configure("text")
+    parameters = config.load(None)
+    options = ServeOptions(
+        map=read_map(None, None),
+        parameters=parameters,
+        candidates=_candidates(candidates, len(parameters.auction.weights)),
+        workers=workers,
+        clock="lockstep",  # so that every program is waited for, however long it takes
+    )
+    from gameopt_im import bench as benchmark
+
+    with _runner() as runner:
+        results = runner.run(benchmark.run(benchmark.Bench(options, vehicles, recording, cycles)))
+    Console().print(benchmark.table(results))
+    if json_file is not None:
+        try:
+            json_file.write_bytes(msgspec.json.format(msgspec.json.encode(results)))
+        except OSError as error:
+            raise StartError(f"{json_file}: {error.strerror or error}") from None
+
+
+def _counts(text: str) -> tuple[int, ...]:
+    """Numbers of vehicles, separated by commas."""
+    try:
+        counts = tuple(int(part) for part in text.split(","))
+    except ValueError:
+        counts = ()
+    if not counts or min(counts) < 1 or max(counts) > MOST_VEHICLES:
+        raise click.BadParameter(f"{text!r}; allowed: whole numbers from 1 to {MOST_VEHICLES}, separated by commas")
+    return counts
 
 
 @commands.command()

@@ -15,7 +15,7 @@ from gameopt_im.core.kinematics import NEVER, manner_of
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.profiles import time_at
 from gameopt_im.core.reservations import Book, Stack, blocked_windows, crossing_time
-from gameopt_im.core.slots import Demand, Rules, schedule, weighted_delay
+from gameopt_im.core.slots import Course, Demand, Rules, course_of, schedule, weighted_delay
 from gameopt_im.core.snapshot import Floats, Ints, Snapshot
 from gameopt_wire import motion
 
@@ -182,11 +182,12 @@ def candidates(
     planner = parameters.planner
     overdue = np.maximum(0.0, waited - planner.patience_s)
     given = _by_lane(incumbent, who.counts)
-    made = [_candidate(INCUMBENT, problem, np.zeros(len(who)), given, priority, waited, parameters)]
+    course = course_of(problem)
+    made = [_candidate(INCUMBENT, problem, course, np.zeros(len(who)), given, priority, waited, parameters)]
     seen = {made[0].order.tobytes()}
     for k, row in enumerate(who.bids):
         seconds = parameters.auction.bid_seconds * row + planner.impatience[k % len(planner.impatience)] * overdue
-        candidate = _candidate(k, problem, seconds, given, priority, waited, parameters)
+        candidate = _candidate(k, problem, course, seconds, given, priority, waited, parameters)
         if candidate.order.tobytes() not in seen:
             seen.add(candidate.order.tobytes())
             made.append(candidate)
@@ -194,10 +195,17 @@ def candidates(
 
 
 def _candidate(
-    number: int, problem: Demand, bids_s: Floats, order: Ints, priority: Floats, waited: Floats, parameters: Parameters
+    number: int,
+    problem: Demand,
+    course: Course,
+    bids_s: Floats,
+    order: Ints,
+    priority: Floats,
+    waited: Floats,
+    parameters: Parameters,
 ) -> Candidate:
     rules, dispatch = rules_of(parameters), number != INCUMBENT
-    taken, slots, lines = schedule(problem, rules, bids_s, order, dispatch)
+    taken, slots, lines = schedule(problem, rules, course, bids_s, order, dispatch)
     overdue = np.maximum(0.0, waited + slots - parameters.planner.patience_s)
     starving = parameters.planner.starvation_weight * float(np.sum(overdue**2))
     return Candidate(number, taken, slots, lines, weighted_delay(problem, slots, priority) + starving)

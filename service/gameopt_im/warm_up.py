@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any
 
 import structlog
 
 from gameopt_im.inbox import Raw
 from gameopt_im.manager import Manager
 from gameopt_im.options import ServeOptions
-from gameopt_im.solver import jobs
-from gameopt_im.solver.pool import Pool
+from gameopt_im.solver import contest
 from gameopt_wire import codec, keys
 from gameopt_wire.messages import STEP_S, Command, State
 
@@ -27,8 +25,7 @@ async def warm_up(options: ServeOptions) -> None:
     started = time.perf_counter()
     log.info("warming up; the first run on a machine compiles for about a minute")
     rehearsal = replace(options, workers=0, clock="lockstep", record=None)
-    pool: Pool[Any, Any] = Pool(0, jobs.SOLVE)
-    async with pool:
+    async with contest.pool_for(rehearsal.profile, 0) as pool:
         manager = Manager(rehearsal, 0, pool)
         states = _traffic(rehearsal)
         for cycle in range(CYCLES):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -222,8 +223,27 @@ def _by_lane(order: Sequence[int], counts: tuple[int, ...]) -> Ints:
     return np.array(out, dtype=np.int64)
 
 
+class Stake(NamedTuple):
+    """What a candidate goes into the choice of q* with: its delay, the weight of J beside it, an incumbent's bonus."""
+
+    delay: float
+    weight: float
+    bonus: float
+
+    def cost(self, objective: float) -> float:
+        """Predicted weighted delay plus a weight times J, less the bonus: it grows with J."""
+        cost = self.delay + self.weight * objective
+        return cost - self.bonus * abs(cost)
+
+
+def stake_of(option: Candidate, parameters: Parameters) -> Stake:
+    """The stake of a candidate; the incumbent has a bonus."""
+    bonus = parameters.planner.incumbent_bonus if option.weights == INCUMBENT else 0.0
+    return Stake(option.delay, parameters.program.objective_weight, bonus)
+
+
 def select(options: Sequence[Candidate], objectives: Sequence[float | None], parameters: Parameters) -> int | None:
-    """q*: the candidate of least predicted weighted delay plus a weight times J; the incumbent has a bonus.
+    """q*: the candidate of least cost, the first of them.
 
     A candidate without a solution (None) is out; None where all are.
     """
@@ -232,9 +252,7 @@ def select(options: Sequence[Candidate], objectives: Sequence[float | None], par
     for k, (option, objective) in enumerate(zip(options, objectives, strict=True)):
         if objective is None:
             continue
-        cost = option.delay + parameters.program.objective_weight * objective
-        if option.weights == INCUMBENT:
-            cost -= parameters.planner.incumbent_bonus * abs(cost)
+        cost = stake_of(option, parameters).cost(objective)
         if cost < least:
             best, least = k, cost
     return best

@@ -19,8 +19,8 @@ from gameopt_wire import motion
 SETTLE_ROUNDS = 400
 SAME_S = 1e-9
 """Slots this close are the same, s."""
-KNOWN = 64
-"""Line speeds remembered for a vehicle."""
+SLOWEST_MPS = 0.5
+"""Line speeds are counted as this at least, m/s."""
 
 
 class Demand(NamedTuple):
@@ -65,25 +65,22 @@ class Rules(NamedTuple):
 class Course(NamedTuple):
     """What the candidates of a control cycle share, worked out once: n vehicles of C kinds, a movement and a body each.
 
-    `first`, `line` (n,) are the earliest arrival and the line speed then, `exit_m` (n,) where the vehicle has left
-    the last ground that others want, 0 where there is none. `kind` (n,) indexes `movement` and `footprint` (C,).
+    `cars` (n, 10) holds a `Car` a row, `exit_m` (n,) where the vehicle has left the last ground that others want, 0
+    where there is none. `kind` (n,) indexes `ground` (C, C, 4): where the first kind enters and leaves what it shares
+    with the second, and where that one does, m; NaN where they do not meet.
     `met` (B, 4) holds the rows of `Demand.blocked` where they meet, vehicle i's from `since[i]` to `since[i + 1]`.
-    `known` (n, KNOWN, 2) remembers line speeds, (slot, speed): candidates ask for the same ones again and again.
     """
 
-    first: Floats
-    line: Floats
+    cars: Floats
     exit_m: Floats
     kind: Ints
-    movement: Ints
-    footprint: Ints
+    ground: Floats
     since: Ints
     met: Floats
-    known: Floats
 
 
 class Car(NamedTuple):
-    """One vehicle of a demand and its course, as numbers: kernels take numbers sooner than many arrays."""
+    """One vehicle as numbers, which kernels hand on faster than many arrays; `first`, `line`: its earliest arrival."""
 
     s: float
     v: float
@@ -97,21 +94,25 @@ class Car(NamedTuple):
     line: float
 
 
+B = Car._fields.index("b")
+
+
 @kernel
 def course_of(demand: Demand) -> Course:
     """The course of a demand."""
     n, bodies = demand.s.shape[0], demand.windows.shape[1]
-    first, line, exit_m = np.empty(n), np.empty(n), np.zeros(n)
+    cars, exit_m = np.empty((n, 10)), np.zeros(n)
     kind, since = np.empty(n, np.int64), np.zeros(n + 1, np.int64)
     named = np.full(demand.windows.shape[0] * bodies, -1)
     movement, footprint = np.empty(n, np.int64), np.empty(n, np.int64)
     met = np.empty((demand.blocked.shape[0] * demand.blocked.shape[1], 4))
     kinds = rows = 0
     for i in range(n):
-        turn_b = min(motion.TURN_DECEL_MPS2, demand.b[i])
-        first[i], line[i] = earliest_arrival(
-            demand.s[i], demand.v[i], demand.a[i], demand.top[i], demand.line_cap[i], turn_b
-        )
+        s, v, a, b, top, cap = demand.s[i], demand.v[i], demand.a[i], demand.b[i], demand.top[i], demand.line_cap[i]
+        first, line = earliest_arrival(s, v, a, top, cap, min(motion.TURN_DECEL_MPS2, b))
+        row = (s, v, demand.length[i], a, b, top, cap, demand.cross_top[i], first, line)
+        for field in range(len(row)):
+            cars[i, field] = row[field]
         name = demand.movement[i] * bodies + demand.footprint[i]
         if named[name] < 0:
             named[name] = kinds
@@ -127,38 +128,27 @@ def course_of(demand: Demand) -> Course:
                 met[rows] = demand.blocked[i, r]
                 rows += 1
         since[i + 1] = rows
-    return Course(
-        first,
-        line,
-        exit_m,
-        kind,
-        movement[:kinds],
-        footprint[:kinds],
-        since,
-        met[:rows],
-        np.full((n, KNOWN, 2), -NEVER),
-    )
+    ground = np.empty((kinds, kinds, 4))
+    for c in range(kinds):
+        for d in range(kinds):
+            ground[c, d, :2] = demand.windows[movement[c], footprint[c], movement[d], footprint[d]]
+            ground[c, d, 2:] = demand.windows[movement[d], footprint[d], movement[c], footprint[c]]
+    return Course(cars, exit_m, kind, ground, since, met[:rows])
 
 
 @kernel
-def car_of(i: int, demand: Demand, course: Course) -> Car:
-    """Vehicle i."""
-    return Car(
-        demand.s[i], demand.v[i], demand.length[i], demand.a[i], demand.b[i], demand.top[i], demand.line_cap[i],
-        demand.cross_top[i], course.first[i], course.line[i],
-    )  # fmt: skip
+def car_of(row: Floats) -> Car:
+    """The car of a row of `Course.cars`."""
+    return Car(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9])
 
 
 @kernel
-def line_speed(car: Car, time: float, manner: Manner, known: Floats) -> float:
-    """Speed over the line on the approach to a slot at `time`; `known` (KNOWN, 2) as in `Course`."""
-    if time <= car.first + 0.05:
-        return max(car.line, 0.5)
-    place = int(abs(time) * 1e6) % KNOWN
-    if known[place, 0] != time:
+def line_speed(car: Car, time: float, manner: Manner) -> float:
+    """Speed over the line on the approach to a slot at `time`."""
+    speed = car.line
+    if time > car.first + 0.05:
         speed = approach(car.s, car.v, time, car.a, car.b, car.top, car.line_cap, manner)[2]
-        known[place, 0], known[place, 1] = time, max(speed, 0.5)
-    return float(known[place, 1])
+    return max(speed, SLOWEST_MPS)
 
 
 @kernel
@@ -178,14 +168,14 @@ def kept_off(
 
 
 @kernel
-def settle(car: Car, start: float, met: Floats, placed: Floats, known: Floats, rules: Rules) -> tuple[float, float]:
+def settle(car: Car, start: float, met: Floats, placed: Floats, rules: Rules) -> tuple[float, float]:
     """The first (slot, line speed) of a car not before `start` that no reserved or placed window forbids.
 
     `met` (B, 4) as in `Course`, `placed` (P, 5) as `enter_windows` leaves them.
     """
-    time, speed = max(start, car.first), 0.5
+    time, speed = max(start, car.first), SLOWEST_MPS
     for _ in range(SETTLE_ROUNDS):
-        speed = line_speed(car, time, rules.manner, known)
+        speed = line_speed(car, time, rules.manner)
         margin = max(rules.margin_s, rules.margin_m / speed + rules.extra_s)
         later = time
         for r in range(met.shape[0]):
@@ -208,24 +198,32 @@ def off_placed(car: Car, time: float, speed: float, placed: Floats, first: int, 
 
 
 @kernel
-def enter_windows(
-    j: int, slot: float, line: float, demand: Demand, rules: Rules, course: Course, count: Ints, placed: Floats
-) -> None:
-    """Add the windows of vehicle j, over the line at `slot` with speed `line`, for each of the kinds that meets them.
+def passed_by(time: float, placed: Floats, first: int, last: int, rules: Rules) -> int:
+    """The first of the placed windows `first` to `last` that a car over the line at `time` or later may meet."""
+    widest = max(rules.margin_s, rules.margin_m / SLOWEST_MPS + rules.extra_s)
+    while first < last and placed[first, 2] >= 0.0 and time >= placed[first, 1] + max(widest, placed[first, 4]):
+        first += 1
+    return first
 
-    A row of `placed` (C, n, 5), of which kind c has `count[c]`, is a window (in, out), s; where a front of the kind
-    enters and a rear leaves it, m; and the margin that its holder asks for, s.
+
+@kernel
+def enter_windows(
+    car: Car, slot: float, line: float, ground: Floats, rules: Rules, count: Ints, placed: Floats
+) -> None:
+    """Add the windows of a car over the line at `slot` with speed `line`, for each of the kinds that meets it.
+
+    `ground` (C, 4) are the rows of its kind in `Course.ground`. A row of `placed` (C, n, 5), of which kind c has
+    `count[c]`, is a window (in, out), s; where a front of the kind enters and a rear leaves it, m; and the margin that
+    its holder asks for, s.
     """
-    movement, footprint, a, top = demand.movement[j], demand.footprint[j], demand.a[j], demand.cross_top[j]
+    margin = rules.margin_m / line + rules.extra_s
     for c in range(count.shape[0]):
-        theirs = demand.windows[course.movement[c], course.footprint[c], movement, footprint]
-        if theirs[1] > -NEVER:  # false for NaN
-            mine, k = demand.windows[movement, footprint, course.movement[c], course.footprint[c]], count[c]
-            placed[c, k, 0] = slot + time_past_line(mine[0], line, a, top)
-            placed[c, k, 1] = slot + time_past_line(mine[1] + demand.length[j], line, a, top)
-            placed[c, k, 2], placed[c, k, 3] = theirs[0], theirs[1]
-            placed[c, k, 4] = rules.margin_m / line + rules.extra_s
-            count[c] += 1
+        if ground[c, 3] > -NEVER:  # false for NaN
+            k = count[c]
+            placed[c, k, 0] = slot + time_past_line(ground[c, 0], line, car.a, car.cross_top)
+            placed[c, k, 1] = slot + time_past_line(ground[c, 1] + car.length, line, car.a, car.cross_top)
+            placed[c, k, 2], placed[c, k, 3], placed[c, k, 4] = ground[c, 2], ground[c, 3], margin
+            count[c] = k + 1
 
 
 @kernel
@@ -256,43 +254,59 @@ def schedule(
     `bids` already include the transfers of blocked followers. A lane's head that has a slot keeps it until a vehicle
     placed since takes ground it meant to use: its slot agreed with all that were placed before.
     """
-    n, lanes, kinds = demand.s.shape[0], demand.queue.shape[0], course.movement.shape[0]
+    queue, arrival, kind, cars = demand.queue, demand.arrival, course.kind, course.cars
+    n, lanes, kinds = kind.shape[0], queue.shape[0], course.ground.shape[0]
     slot, line, score = np.full(n, NEVER), np.full(n, 1.0), np.full(n, -NEVER)
-    taken = np.empty(n, np.int64)
-    ahead = np.zeros(lanes, np.int64)
+    taken, floor = np.empty(n, np.int64), demand.floor.copy()
+    head, ahead = queue[:, 0].copy(), np.zeros(lanes, np.int64)
     seen = np.full(lanes, -1)  # placed windows that the lane's head agrees with; -1: it has no slot yet
+    past, past_kind = np.zeros(lanes, np.int64), np.full(lanes, -1)  # windows that are over for all of the lane
     count, placed = np.zeros(kinds, np.int64), np.empty((kinds, n, 5))
     for turn in range(n):
         best, chosen = -1, -1
         for k in range(lanes):
-            i = demand.queue[k, ahead[k]] if ahead[k] < demand.queue.shape[1] else -1
+            i = head[k]
             if i < 0 or (not dispatch and order[turn] != i):
                 continue
-            c = course.kind[i]
-            if seen[k] < count[c]:
-                car = car_of(i, demand, course)
-                if seen[k] < 0:
-                    start = demand.floor[k]
-                    if ahead[k] > 0:
-                        j = demand.queue[k, ahead[k] - 1]
-                        start = max(start, behind(car_of(j, demand, course), slot[j], line[j], car.b, rules.headway_s))
-                else:
+            c = kind[i]
+            if seen[k] < count[c] or seen[k] < 0:
+                car, start = car_of(cars[i]), floor[k]
+                if seen[k] >= 0:
                     start = off_placed(car, slot[i], line[i], placed[c], seen[k], count[c], rules)
                 if seen[k] < 0 or start > slot[i] + SAME_S:
+                    if past_kind[k] != c:
+                        past[k], past_kind[k] = 0, c
                     met = course.met[course.since[i] : course.since[i + 1]]
-                    slot[i], line[i] = settle(car, start, met, placed[c, : count[c]], course.known[i], rules)
+                    slot[i], line[i] = settle(car, start, met, placed[c, past[k] : count[c]], rules)
+                    past[k] = passed_by(slot[i], placed[c], past[k], count[c], rules)
                     score[i] = bids[i] - slot[i] - rules.hold_weight * hold(car, course.exit_m[i], line[i])
                 seen[k] = count[c]
-            earlier = best >= 0 and score[i] == score[chosen] and demand.arrival[i] < demand.arrival[chosen]
+            earlier = best >= 0 and score[i] == score[chosen] and arrival[i] < arrival[chosen]
             if best < 0 or score[i] > score[chosen] or earlier:
                 best, chosen = k, i
-        taken[turn] = chosen
-        enter_windows(chosen, slot[chosen], line[chosen], demand, rules, course, count, placed)
+        taken[turn], seen[best] = chosen, -1
+        car = car_of(cars[chosen])
+        enter_windows(car, slot[chosen], line[chosen], course.ground[kind[chosen]], rules, count, placed)
         ahead[best] += 1
-        seen[best] = -1
+        head[best] = queue[best, ahead[best]] if ahead[best] < queue.shape[1] else -1
+        if head[best] >= 0:
+            b = cars[head[best], B]
+            floor[best] = max(floor[best], behind(car, slot[chosen], line[chosen], b, rules.headway_s))
     return taken, slot, line
 
 
-def weighted_delay(demand: Demand, slot: Floats, priority: Floats) -> float:
-    """Predicted weighted delay sum Ps (T - s / v_max), s."""
-    return float(np.sum(priority * (slot - demand.s / demand.top)))
+@kernel
+def schedules(demand: Demand, rules: Rules, bids: Floats, order: Ints) -> tuple[Ints, Floats, Floats]:
+    """`schedule` of the given order, then of the dispatch auction on each row of `bids` (C, n): all (C + 1, n)."""
+    course = course_of(demand)
+    shape = bids.shape[0] + 1, bids.shape[1]
+    orders, slots, lines = np.empty(shape, np.int64), np.empty(shape), np.empty(shape)
+    for k in range(shape[0]):
+        row = bids[max(k - 1, 0)]
+        orders[k], slots[k], lines[k] = schedule(demand, rules, course, row, order, k > 0)
+    return orders, slots, lines
+
+
+def weighted_delay(demand: Demand, slots: Floats, priority: Floats) -> Floats:
+    """(C,) predicted weighted delay sum Ps (T - s / v_max) of slots (C, n), s."""
+    return np.asarray(np.sum(priority * (slots - demand.s / demand.top), axis=1))

@@ -7,6 +7,7 @@ import os
 import time
 from collections import Counter
 from contextlib import AsyncExitStack
+from typing import Any
 
 import structlog
 
@@ -15,7 +16,7 @@ from gameopt_im.clock import LockStep, WallClock
 from gameopt_im.manager import Manager
 from gameopt_im.options import ServeOptions
 from gameopt_im.recorder import Recorder
-from gameopt_im.solver import horizon_job, jobs
+from gameopt_im.solver import contest
 from gameopt_im.solver.pool import Pool
 from gameopt_im.warm_up import warm_up
 from gameopt_wire import codec
@@ -88,7 +89,6 @@ def charter_of(options: ServeOptions, term: int) -> Charter:
     )
 
 
-def pool_of(options: ServeOptions) -> Pool[jobs.Job, jobs.Outcome]:
+def pool_of(options: ServeOptions) -> Pool[Any, Any]:
     """The worker processes, warmed on the programs of the profile."""
-    warm = horizon_job.warm_up() if options.profile == "default" else jobs.warm_up()
-    return Pool(options.workers, jobs.SOLVE, warm)
+    return contest.pool_for(options.profile, options.workers)

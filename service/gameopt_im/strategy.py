@@ -79,7 +79,11 @@ class DefaultProfile:
         options = planning.candidates(problem, who, priority, snapshot.waited[who.index], incumbent, parameters)
         task = planning.horizon_task(snapshot, book, limits, problem, who, parameters)
         residual = parameters.program.residual_mps
-        jobs = [HorizonJob(task, self._rules, option.slots, residual) for option in options]
+        stakes = [planning.stake_of(option, parameters) for option in options]
+        jobs = [
+            HorizonJob(task, self._rules, option.slots, residual, stake)
+            for option, stake in zip(options, stakes, strict=True)
+        ]
         return Proposal(who, options, jobs, problem)
 
     def choose(self, proposal: Proposal, results: Sequence[Outcome | None]) -> Winner | None:

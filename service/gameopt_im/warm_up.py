@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any
 
 import structlog
 
 from gameopt_im.manager import Manager
 from gameopt_im.options import ServeOptions
 from gameopt_im.rehearsal import Rehearsal
-from gameopt_im.solver import jobs
-from gameopt_im.solver.pool import Pool
+from gameopt_im.solver import contest
 from gameopt_wire.messages import STEP_S
 
 log = structlog.get_logger()
@@ -26,8 +24,7 @@ async def warm_up(options: ServeOptions) -> None:
     started = time.perf_counter()
     log.info("warming up; the first run on a machine compiles for about a minute")
     rehearsal = replace(options, workers=0, clock="lockstep", record=None)
-    pool: Pool[Any, Any] = Pool(0, jobs.SOLVE)
-    async with pool:
+    async with contest.pool_for(rehearsal.profile, 0) as pool:
         manager = Manager(rehearsal, 0, pool)
         traffic = Rehearsal(options.map, 2 * len(options.map.movements))
         for cycle in range(CYCLES):

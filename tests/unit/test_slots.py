@@ -10,7 +10,7 @@ import pytest
 
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.planning import INCUMBENT, Bidders, Candidate, candidates, rules_of, select
-from gameopt_im.core.slots import Demand, Rules, schedule
+from gameopt_im.core.slots import Demand, Rules, course_of, schedule
 
 STRAIGHT, LEFT = 0, 1
 BOX_M = 25.0
@@ -38,7 +38,9 @@ def demand(straight_s: Sequence[float], left_s: Sequence[float]) -> Demand:
 
 
 def dispatched(problem: Demand, rules: Rules) -> tuple[list[int], np.ndarray]:
-    order, slots, _ = schedule(problem, rules, np.zeros(len(problem.s)), np.arange(len(problem.s)), True)
+    order, slots, _ = schedule(
+        problem, rules, course_of(problem), np.zeros(len(problem.s)), np.arange(len(problem.s)), True
+    )
     return order.tolist(), slots
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gameopt_im.core.conflicts import OUTSIDE
+from gameopt_im.core.kinematics import kernel
 from gameopt_im.core.snapshot import Floats, Ints
 
 
@@ -55,10 +56,6 @@ def transfer_bound(value: float, early: int, late: int, bids: Floats, alpha: Flo
 def transfer(giver: float, receiver: float, amount: float) -> tuple[float, float]:
     """The paper's (a, b) with a giving c to b: (a - c, b + c)."""
     return giver - amount, receiver + amount
-
-
-PASS_SIZE = 12_000
-"""Givers times vehicles handled in one pass: arrays this small are not given back to the system each time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,54 +127,60 @@ def with_transfers(bids: Floats, lines: Queues, group: Ints, ratio: float, share
     row, giver = np.nonzero((ranks < held) & (group != OUTSIDE))
     if share == 0.0 or not len(giver):
         return bids
-    bound = _bounds(bids, lines, group, ratio, ranks=ranks, held=held, row=row, giver=giver)
-    ahead = lines.slots[lines.lane[giver]]
-    in_front = np.arange(ahead.shape[1]) < lines.place[giver, None]
-    mate = np.where(in_front, ahead, giver[:, None])
-    outbid = ranks[row[:, None], mate] > ranks[row, giver][:, None]
-    lower = in_front & outbid & (group[mate] == group[giver, None])
-    receivers = lower.sum(axis=1)
-    amount = np.where(receivers > 0, share * np.maximum(bound, 0.0), 0.0)
-    part = np.where(lower, (amount / np.maximum(receivers, 1))[:, None], 0.0)
-    n = bids.shape[1]
-    given = np.bincount(row * n + giver, amount, bids.size)
-    taken = np.bincount((row[:, None] * n + mate).ravel(), part.ravel(), bids.size)
-    return bids + (taken - given).reshape(bids.shape)
+    alpha = slot_values(bids.shape[1] + 1, ratio)
+    orders = _merged(held, lines)
+    cost, passed = _passed(bids * (1.0 - ratio), orders, lines.lane, group, ranks, held, row, giver, alpha)
+    # With alpha_k = ratio^(k-1) only the differences of turns count: passing m vehicles of bids b_1 .. b_m makes
+    # `transfer_bound` zeta (1 - ratio^m) - sum_t b_t (1 - ratio) ratio^(t-1).
+    bound = bids[row, giver] * (1.0 - alpha[passed]) - cost.sum(axis=1)
+    return bids + _moved(share * np.maximum(bound, 0.0), lines.slots, lines.lane, lines.place, group, ranks, row, giver)
 
 
-def _bounds(
-    bids: Floats,
-    lines: Queues,
+@kernel
+def _passed(
+    weighed: Floats,
+    orders: Ints,
+    lane: Ints,
     group: Ints,
-    ratio: float,
-    *,
     ranks: Ints,
     held: Ints,
     row: Ints,
     giver: Ints,
-) -> Floats:
-    """(R,) `transfer_bound` of R givers at once, `giver[r]` under weight vector `row[r]`.
+    alpha: Floats,
+) -> tuple[Floats, Ints]:
+    """(cost (R, n), number (R,)) of the vehicles that each of R givers would pass, by their turns.
 
-    With alpha_k = ratio^(k-1) only the differences of turns count: passing m vehicles of bids b_1 .. b_m
-    makes the bound zeta (1 - ratio^m) - sum_t b_t (1 - ratio) ratio^(t-1).
+    Giver `giver[r]` is one under weight vector `row[r]`; `weighed` (K, n) are the bids times 1 - ratio.
     """
-    orders = _merged(held, lines)
-    held_by_turn = np.take_along_axis(held, orders, axis=1)
-    weighed_by_turn = np.take_along_axis(bids, orders, axis=1) * (1.0 - ratio)
-    group_by_turn, lane_by_turn = group[orders], lines.lane[orders]
-    alpha = slot_values(bids.shape[1] + 1, ratio)
-    bound = np.empty(len(giver))
-    size = 1 + PASS_SIZE // bids.shape[1]
-    for start in range(0, len(giver), size):
-        one = slice(start, start + size)
-        k, i = row[one], giver[one]
-        other = held_by_turn[k]
-        passed = (other > ranks[k, i][:, None]) & (other < held[k, i][:, None])
-        passed &= (group_by_turn[k] == group[i, None]) & (lane_by_turn[k] != lines.lane[i, None])
-        count = np.cumsum(passed, axis=1)
-        cost = np.where(passed, weighed_by_turn[k] * alpha[count - 1], 0.0)
-        bound[one] = bids[k, i] * (1.0 - alpha[count[:, -1]]) - cost.sum(axis=1)
-    return bound
+    cost, passed = np.zeros((len(giver), orders.shape[1])), np.zeros(len(giver), np.int64)
+    for r in range(len(giver)):
+        k, i = row[r], giver[r]
+        for turn, j in enumerate(orders[k]):
+            between = ranks[k, i] < held[k, j] < held[k, i]
+            if between and group[j] == group[i] and lane[j] != lane[i]:
+                cost[r, turn] = weighed[k, j] * alpha[passed[r]]
+                passed[r] += 1
+    return cost, passed
+
+
+@kernel
+def _moved(
+    amount: Floats, slots: Ints, lane: Ints, place: Ints, group: Ints, ranks: Ints, row: Ints, giver: Ints
+) -> Floats:
+    """(K, n) what the transfers of `amount` (R,) change: taken less given, in equal parts to who is outbid ahead."""
+    taken, given = np.zeros(ranks.shape), np.zeros(ranks.shape)
+    for r in range(len(giver)):
+        k, i = row[r], giver[r]
+        ahead = slots[lane[i], : place[i]]
+        receivers = 0
+        for j in ahead:
+            receivers += ranks[k, j] > ranks[k, i] and group[j] == group[i]
+        if receivers:
+            given[k, i] = amount[r]
+            for j in ahead:
+                if ranks[k, j] > ranks[k, i] and group[j] == group[i]:
+                    taken[k, j] += amount[r] / receivers
+    return taken - given
 
 
 def distinct(orders: Ints, group: Ints) -> Ints:

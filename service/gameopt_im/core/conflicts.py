@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from gameopt_im.core.diverging import apart, ranks
+from gameopt_im.core.kinematics import kernel
 from gameopt_im.core.snapshot import Bools, Floats, Ints
 from gameopt_wire.intersection import ConflictArea, IntersectionMap
 from gameopt_wire.messages import Geometry
@@ -161,22 +162,29 @@ def _box(windows: Floats, conflict: Bools, lateral_margin_m: float) -> Floats:
     return box
 
 
+@kernel
 def groups(movements: Ints, conflict: Bools) -> Ints:
     """(n,) conflict group of each vehicle present: connected components of the conflict graph.
 
     Vehicles of one movement share a component; a movement that conflicts with none anywhere is `OUTSIDE`.
     Components are numbered by their lowest movement, so the labels do not depend on the vehicles' order.
     """
-    present = np.unique(movements)
-    label = np.full(len(conflict), OUTSIDE, dtype=np.int64)
-    component = 0
-    for first in present:
-        if label[first] != OUTSIDE or not conflict[first].any():
+    count = len(conflict)
+    present, label = np.zeros(count, np.bool_), np.full(count, OUTSIDE)
+    for movement in movements:
+        present[movement] = True
+    reached, component = np.empty(count, np.int64), 0
+    for first in range(count):
+        if not present[first] or label[first] != OUTSIDE or not conflict[first].any():
             continue
-        reached, grown = np.zeros(len(present), dtype=np.bool_), present == first
-        while (grown & ~reached).any():
-            reached |= grown
-            grown = reached | conflict[np.ix_(present[reached], present)].any(axis=0)
-        label[present[reached]] = component
+        reached[0], size, done = first, 1, 0
+        label[first] = component
+        while done < size:
+            for other in range(count):
+                if conflict[reached[done], other] and present[other] and label[other] == OUTSIDE:
+                    label[other] = component
+                    reached[size] = other
+                    size += 1
+            done += 1
         component += 1
     return label[movements]

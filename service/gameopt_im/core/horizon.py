@@ -24,12 +24,14 @@ import scipy.sparse as sp
 
 from gameopt_im.core.kinematics import NEVER, Manner, approach, approach_speed, kernel
 from gameopt_im.core.program import QP, Csc
-from gameopt_im.core.snapshot import Floats
+from gameopt_im.core.snapshot import Floats, Ints
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
 
 SLACK_MPS = 0.1
 """Play left around the reference, m/s (of the mean speed for the corridor, of a change of speed for the boxes)."""
+FAR_MPS = 1e4
+"""A bound this far off is none, m/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,50 +185,137 @@ def corridor(task: HorizonTask, slot: Floats, line: Floats, ends: Floats) -> tup
     return task.s[:, None] - farthest + past, most
 
 
-def build(task: HorizonTask, rules: HorizonRules, slot: Floats) -> list[tuple[QP, Floats]]:
-    """(program, the reference as a warm start (m * H,)) of each lane of one candidate: lanes share no row."""
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """l and u of every row of one candidate, (n, 4, H): corridor, speed, change, and the rear end behind the vehicle
+    ahead in the arrays, which the first of a lane does not follow: its row is in no program.
+
+    `reference` (n, H) is the approach law's way, which they hold.
+    """
+
+    lower: Floats
+    upper: Floats
+    reference: Floats
+
+
+def bounds(task: HorizonTask, rules: HorizonRules, slot: Floats) -> Bounds:
+    """The bounds of one candidate."""
     blocks = np.array(rules.blocks)
     ends = np.cumsum(blocks)
-    n, h = len(task.s), len(blocks)
     u_ref, line, rate = reference(task.s, task.v, slot, task.a, task.b, task.top, task.line_cap, rules.manner, blocks)
     start = 0.5 * blocks[0] * task.v[:, None]
     p_ref = u_ref @ way_matrix(rules.blocks).T + start
     least, most = corridor(task, slot, line, ends)
     most = np.minimum(most, task.room)
-    low = (np.minimum(least, p_ref) - start) / ends - SLACK_MPS
-    high = (np.maximum(most, p_ref) - start) / ends + SLACK_MPS
+    lower = np.full((len(task.s), 4, len(blocks)), -np.inf)
+    upper = np.full_like(lower, np.inf)
+    lower[:, 0] = (np.minimum(least, p_ref) - start) / ends - SLACK_MPS
+    upper[:, 0] = (np.maximum(most, p_ref) - start) / ends + SLACK_MPS
+    lower[:, 1] = 0.0
+    upper[:, 1] = np.maximum(task.top[:, None], u_ref)
 
     change = np.diff(u_ref, axis=1, prepend=task.v[:, None])
     decels = rules.manner.decels
     brake = np.maximum(np.maximum(-rate, decels[min(1, len(decels) - 1)]), 0.0)[:, None]
-    slower = np.minimum(-brake * blocks, change) - SLACK_MPS
-    faster = np.maximum(task.a[:, None] * blocks, change) + SLACK_MPS
-    slower[:, 0] += task.v
-    faster[:, 0] += task.v
-    lower = (low, np.zeros((n, h)), slower)
-    upper = (high, np.maximum(task.top[:, None], u_ref), faster)
+    lower[:, 2] = np.minimum(-brake * blocks, change) - SLACK_MPS
+    upper[:, 2] = np.maximum(task.a[:, None] * blocks, change) + SLACK_MPS
+    lower[:, 2, 0] += task.v
+    upper[:, 2, 0] += task.v
 
-    # between neighbours in the arrays; the first of a lane has nobody to follow, and its row is left out
     gap = task.s[1:] - task.s[:-1] - task.length[:-1] - rules.rear_gap
     behind = np.maximum(gap[:, None], p_ref[1:] - p_ref[:-1])
-    apart = (behind - (start[1:] - start[:-1])) / ends + SLACK_MPS
+    upper[1:, 3] = (behind - (start[1:] - start[:-1])) / ends + SLACK_MPS
+    return Bounds(lower, upper, u_ref)
 
+
+def build(task: HorizonTask, rules: HorizonRules, slot: Floats) -> list[tuple[QP, Floats]]:
+    """(program, the reference as a warm start (m * H,)) of each lane of one candidate: lanes share no row."""
+    h = len(rules.blocks)
+    given = bounds(task, rules, slot)
     data, q = cost(task, rules)
     made = []
     first = 0
     for count in task.counts:
-        lane, following = slice(first, first + count), slice(first, first + count - 1)
+        lane = slice(first, first + count)
         pattern = _cost_pattern(count, h)
         qp = QP(
             Csc(pattern.shape, data[lane].ravel(), pattern.indices, pattern.indptr),
             q[lane].ravel(),
             rows(count, rules.blocks),
-            np.concatenate([*(part[lane].ravel() for part in lower), np.full((count - 1) * h, -np.inf)]),
-            np.concatenate([*(part[lane].ravel() for part in upper), apart[following].ravel()]),
+            in_rows(given.lower[lane]),
+            in_rows(given.upper[lane]),
         )
-        made.append((qp, u_ref[lane].ravel()))
+        made.append((qp, given.reference[lane].ravel()))
         first += count
     return made
+
+
+def in_rows(values: Floats) -> Floats:
+    """(m,) a lane's (n, 4, H) values in the order of `rows`."""
+    return np.concatenate([*(values[:, kind].ravel() for kind in range(3)), values[1:, 3].ravel()])
+
+
+def by_vehicle(values: Floats, n: int) -> Floats:
+    """The inverse of `in_rows`: (n, 4, H), with 0 for the row that the first does not have."""
+    h = len(values) // (4 * n - 1)
+    out = np.zeros((n, 4, h))
+    out[:, :3] = values[: 3 * n * h].reshape(3, n, h).swapaxes(0, 1)
+    out[1:, 3] = values[3 * n * h :].reshape(n - 1, h)
+    return out
+
+
+def least_objective(task: HorizonTask, rules: HorizonRules, given: Bounds, duals: Floats, play: float) -> float:
+    """A bound from below on J over all u that keep to `given` but for `play` (m/s) a row.
+
+    By weak duality any multipliers (n, 4, H) give one, and those of a candidate with slots much alike a close one.
+    """
+    data, q = cost(task, rules)
+    way = way_matrix(rules.blocks) / np.cumsum(rules.blocks)[:, None]
+    fast, steady = rules.trade_off * task.ps, (1.0 - rules.trade_off) * task.pv
+    constant = np.sum(len(rules.blocks) * fast * task.top**2 + steady * task.v**2)
+    counts = np.array(task.counts)
+    dual = _dual_value(counts, data, q, way, given.lower - play, given.upper + play, duals)
+    return max(0.0, float(constant + dual))
+
+
+@kernel
+def _dual_value(
+    counts: Ints, data: Floats, q: Floats, way: Floats, lower: Floats, upper: Floats, duals: Floats
+) -> float:
+    """The dual function -1/2 r'P^-1 r - sum (u y+ - l y-) with r = q + A'y, at the y of these duals that fit.
+
+    `data` and `q` as `cost` gives them, `way` (H, H) as in A. -inf where P is singular.
+    """
+    n, h = q.shape
+    y, value, first = duals.copy(), 0.0, 0
+    for lane in range(counts.shape[0]):
+        y[first, 3] = 0.0
+        first += counts[lane]
+    for i in range(n):
+        for kind in range(4):
+            for k in range(h):
+                bound = upper[i, kind, k] if y[i, kind, k] > 0.0 else lower[i, kind, k]
+                if abs(bound) > FAR_MPS:
+                    y[i, kind, k] = 0.0
+                else:
+                    value -= bound * y[i, kind, k]
+    r = np.empty(h)
+    for i in range(n):
+        for k in range(h):
+            r[k] = q[i, k] + y[i, 1, k] + y[i, 2, k] - (y[i, 2, k + 1] if k + 1 < h else 0.0)
+            for j in range(k, h):
+                ahead = y[i + 1, 3, j] if i + 1 < n else 0.0  # 0 for the first of the next lane
+                r[k] += way[j, k] * (y[i, 0, j] + y[i, 3, j] - ahead)
+        pivot = data[i, 0]
+        for k in range(h):  # r'P^-1 r of a symmetric tridiagonal P, by elimination
+            if k > 0:
+                factor = data[i, 2 * k - 1] / pivot
+                pivot = data[i, 2 * k] - factor * data[i, 2 * k - 1]
+                r[k] -= factor * r[k - 1]
+            if pivot <= 1e-12:
+                return -np.inf
+            value -= 0.5 * r[k] * r[k] / pivot
+    return value
 
 
 def first_speeds(task: HorizonTask, rules: HorizonRules, u: Floats) -> Floats:

@@ -25,6 +25,8 @@ for _rule in (motion.brake_speed, motion.stop_speed, motion.turn_speed, motion.f
 NEVER = 1e9
 """A time or distance that lies beyond every horizon, s or m."""
 BISECTIONS = 30
+CLOSE_MPS = 1e-9
+"""How near a guess of a cruise speed is."""
 
 
 class Manner(NamedTuple):
@@ -110,6 +112,27 @@ def earliest_arrival(s: float, v: float, a: float, top: float, line: float, turn
 
 
 @kernel
+def cruise_guess(s: float, v: float, time: float, d: float, a: float, aim: float) -> float:
+    """The cruise speed of the way that most take to be there at `time`: brake, cruise, accelerate; 0 for none.
+
+    From (v - h) / d + (aim - h) / a + cruise / h = time, which is quadratic in h; with a for -d where h > v, and
+    without the last part where h > aim.
+    """
+    square, linear, rest = 0.5 / d, time - v / d, s - 0.5 * v * v / d
+    faster = (s - 0.5 * (aim * aim - v * v) / a) / max(time - (aim - v) / a, 1e-6)
+    if v < faster < aim:
+        return faster
+    for last in (1.0 / a, 0.0):
+        p, q, r = square + 0.5 * last, linear - aim * last, rest - 0.5 * aim * aim * last
+        root = q * q + 4.0 * p * r
+        if r > 0.0 and root > 0.0:
+            h = 2.0 * r / (q + math.sqrt(root))
+            if last == 0.0 or h < aim:
+                return h
+    return 0.0
+
+
+@kernel
 def cruise_for(
     s: float,
     v: float,
@@ -131,11 +154,27 @@ def cruise_for(
     if 0.0 <= stopped[4] <= time:
         # so late a slot that the vehicle stops on the way and waits
         return 0.0, stopped[1], stopped[2], 0.0, stopped[4]
+    # Arrivals fall as h grows, but not where braking for a turn takes longer than braking now: try all there.
+    late, early = slowest, high
+    if d <= turn_b or high <= line:
+        guess = cruise_guess(s, v, time, d, a, aim)
+        for h in (guess - CLOSE_MPS, guess + CLOSE_MPS):
+            if late < h < early:
+                plan = plan_at(s, v, h, d, a, line, turn_b, aim)
+                if plan[4] < 0.0 or plan[4] > time:
+                    late = h
+                else:
+                    early = h
     low = slowest
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        plan = plan_at(s, v, middle, d, a, line, turn_b, aim)
-        if plan[4] < 0.0 or plan[4] > time:
+        if late < middle < early:
+            plan = plan_at(s, v, middle, d, a, line, turn_b, aim)
+            if plan[4] < 0.0 or plan[4] > time:
+                late = middle
+            else:
+                early = middle
+        if middle <= late:
             low = middle
         else:
             high = middle

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,10 +12,10 @@ from gameopt_im.core import auction, bids
 from gameopt_im.core.conflicts import Ground, groups
 from gameopt_im.core.horizon import HorizonRules, HorizonTask
 from gameopt_im.core.interlock import UNCLEARED, Limits
-from gameopt_im.core.kinematics import NEVER, manner_of
+from gameopt_im.core.kinematics import NEVER, kernel, manner_of
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.reservations import Book, Stack, blocked_windows, crossing_time
-from gameopt_im.core.slots import Demand, Rules, schedule, weighted_delay
+from gameopt_im.core.slots import Demand, Rules, schedules, weighted_delay
 from gameopt_im.core.snapshot import Floats, Ints, Snapshot
 from gameopt_im.core.windows import time_at
 from gameopt_wire import motion
@@ -60,12 +61,9 @@ def bidders(
     """Who takes part in this control cycle's auction, and with which bids."""
     held = np.array([vehicle in book.held for vehicle in snapshot.ids], dtype=np.bool_)
     index = np.flatnonzero((limits.phase == UNCLEARED) & ~held & ~snapshot.silent)
-    lanes, counts = np.unique(snapshot.lane[index], return_counts=True)
-    size = dict(zip(lanes.tolist(), counts.tolist(), strict=True))
-    index = np.array(
-        sorted(index, key=lambda i: (-size[int(snapshot.lane[i])], int(snapshot.lane[i]), float(snapshot.s[i]))),
-        dtype=np.int64,
-    )
+    size = np.bincount(snapshot.lane[index])
+    lane = snapshot.lane[index]
+    index = index[np.lexsort((snapshot.s[index], lane, -size[lane]))]
     settings = parameters.auction
     group = groups(snapshot.movement[index], ground.conflict)
     features = bids.features(
@@ -79,7 +77,7 @@ def bidders(
     if len(index):
         lines = auction.queues(snapshot.lane[index], snapshot.s[index], index)
         master = auction.with_transfers(master, lines, group, settings.slot_value_ratio, settings.transfer_share)
-    return Bidders(index, tuple(sorted(size.values(), reverse=True)), master, group)
+    return Bidders(index, tuple(sorted(size[size > 0].tolist(), reverse=True)), master, group)
 
 
 def demand(
@@ -181,41 +179,50 @@ def candidates(
         return []
     planner = parameters.planner
     overdue = np.maximum(0.0, waited - planner.patience_s)
-    given = _by_lane(incumbent, who.counts)
-    made = [_candidate(INCUMBENT, problem, np.zeros(len(who)), given, priority, waited, parameters)]
-    seen = {made[0].order.tobytes()}
-    for k, row in enumerate(who.bids):
-        seconds = parameters.auction.bid_seconds * row + planner.impatience[k % len(planner.impatience)] * overdue
-        candidate = _candidate(k, problem, seconds, given, priority, waited, parameters)
-        if candidate.order.tobytes() not in seen:
-            seen.add(candidate.order.tobytes())
-            made.append(candidate)
-    return made
+    impatience = np.resize(planner.impatience, len(who.bids))
+    seconds = parameters.auction.bid_seconds * who.bids + impatience[:, None] * overdue
+    given = by_lane(np.array(incumbent, dtype=np.int64), np.array(who.counts, dtype=np.int64))
+    orders, slots, lines = schedules(problem, rules_of(parameters), seconds, given)
+    late = np.maximum(0.0, waited + slots - planner.patience_s)
+    delays = weighted_delay(problem, slots, priority) + planner.starvation_weight * np.sum(late**2, axis=1)
+    first = {order.tobytes(): k for k, order in reversed(list(enumerate(orders)))}
+    return [Candidate(k - 1, orders[k], slots[k], lines[k], float(delays[k])) for k in sorted(first.values())]
 
 
-def _candidate(
-    number: int, problem: Demand, bids_s: Floats, order: Ints, priority: Floats, waited: Floats, parameters: Parameters
-) -> Candidate:
-    rules, dispatch = rules_of(parameters), number != INCUMBENT
-    taken, slots, lines = schedule(problem, rules, bids_s, order, dispatch)
-    overdue = np.maximum(0.0, waited + slots - parameters.planner.patience_s)
-    starving = parameters.planner.starvation_weight * float(np.sum(overdue**2))
-    return Candidate(number, taken, slots, lines, weighted_delay(problem, slots, priority) + starving)
-
-
-def _by_lane(order: Sequence[int], counts: tuple[int, ...]) -> Ints:
+@kernel
+def by_lane(order: Ints, counts: Ints) -> Ints:
     """The order with every lane's turns given to its vehicles front to back: nobody overtakes in a lane."""
-    lane = np.repeat(np.arange(len(counts)), counts)
-    following = np.cumsum((0, *counts[:-1]))
-    out = []
-    for i in order:
-        out.append(following[lane[i]])
+    lane, following = np.empty(len(order), np.int64), np.cumsum(counts) - counts
+    for k in range(len(counts)):
+        lane[following[k] : following[k] + counts[k]] = k
+    out = np.empty_like(order)
+    for turn, i in enumerate(order):
+        out[turn] = following[lane[i]]
         following[lane[i]] += 1
-    return np.array(out, dtype=np.int64)
+    return out
+
+
+class Stake(NamedTuple):
+    """What a candidate goes into the choice of q* with: its delay, the weight of J beside it, an incumbent's bonus."""
+
+    delay: float
+    weight: float
+    bonus: float
+
+    def cost(self, objective: float) -> float:
+        """Predicted weighted delay plus a weight times J, less the bonus: it grows with J."""
+        cost = self.delay + self.weight * objective
+        return cost - self.bonus * abs(cost)
+
+
+def stake_of(option: Candidate, parameters: Parameters) -> Stake:
+    """The stake of a candidate; the incumbent has a bonus."""
+    bonus = parameters.planner.incumbent_bonus if option.weights == INCUMBENT else 0.0
+    return Stake(option.delay, parameters.program.objective_weight, bonus)
 
 
 def select(options: Sequence[Candidate], objectives: Sequence[float | None], parameters: Parameters) -> int | None:
-    """q*: the candidate of least predicted weighted delay plus a weight times J; the incumbent has a bonus.
+    """q*: the candidate of least cost, the first of them.
 
     A candidate without a solution (None) is out; None where all are.
     """
@@ -224,9 +231,7 @@ def select(options: Sequence[Candidate], objectives: Sequence[float | None], par
     for k, (option, objective) in enumerate(zip(options, objectives, strict=True)):
         if objective is None:
             continue
-        cost = option.delay + parameters.program.objective_weight * objective
-        if option.weights == INCUMBENT:
-            cost -= parameters.planner.incumbent_bonus * abs(cost)
+        cost = stake_of(option, parameters).cost(objective)
         if cost < least:
             best, least = k, cost
     return best

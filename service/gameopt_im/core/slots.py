@@ -17,6 +17,10 @@ from gameopt_im.core.snapshot import Floats, Ints
 from gameopt_wire import motion
 
 SETTLE_ROUNDS = 400
+SAME_S = 1e-9
+"""Slots this close are the same, s."""
+SLOWEST_MPS = 0.5
+"""Line speeds are counted as this at least, m/s."""
 
 
 class Demand(NamedTuple):
@@ -58,112 +62,251 @@ class Rules(NamedTuple):
     hold_weight: float
 
 
+class Course(NamedTuple):
+    """What the candidates of a control cycle share, worked out once: n vehicles of C kinds, a movement and a body each.
+
+    `cars` (n, 10) holds a `Car` a row, `exit_m` (n,) where the vehicle has left the last ground that others want, 0
+    where there is none. `kind` (n,) indexes `ground` (C, C, 4): where the first kind enters and leaves what it shares
+    with the second, and where that one does, m; NaN where they do not meet.
+    `met` (B, 4) holds the rows of `Demand.blocked` where they meet, vehicle i's from `since[i]` to `since[i + 1]`.
+    """
+
+    cars: Floats
+    exit_m: Floats
+    kind: Ints
+    ground: Floats
+    since: Ints
+    met: Floats
+
+
+class Car(NamedTuple):
+    """One vehicle as numbers, which kernels hand on faster than many arrays; `first`, `line`: its earliest arrival."""
+
+    s: float
+    v: float
+    length: float
+    a: float
+    b: float
+    top: float
+    line_cap: float
+    cross_top: float
+    first: float
+    line: float
+
+
+B = Car._fields.index("b")
+
+
 @kernel
-def settle(
-    i: int, start: float, demand: Demand, rules: Rules, placed: Ints, count: int, slot: Floats, line: Floats
-) -> tuple[float, float]:
-    """The first (slot, line speed) of vehicle i not before `start` that no placed or reserved window forbids."""
-    movement, footprint, length = demand.movement[i], demand.footprint[i], demand.length[i]
-    a, top = demand.a[i], demand.cross_top[i]
-    turn_b = min(motion.TURN_DECEL_MPS2, demand.b[i])
-    first, speed = earliest_arrival(demand.s[i], demand.v[i], a, demand.top[i], demand.line_cap[i], turn_b)
-    time = max(start, first)
+def course_of(demand: Demand) -> Course:
+    """The course of a demand."""
+    n, bodies = demand.s.shape[0], demand.windows.shape[1]
+    cars, exit_m = np.empty((n, 10)), np.zeros(n)
+    kind, since = np.empty(n, np.int64), np.zeros(n + 1, np.int64)
+    named = np.full(demand.windows.shape[0] * bodies, -1)
+    movement, footprint = np.empty(n, np.int64), np.empty(n, np.int64)
+    met = np.empty((demand.blocked.shape[0] * demand.blocked.shape[1], 4))
+    kinds = rows = 0
+    for i in range(n):
+        s, v, a, b, top, cap = demand.s[i], demand.v[i], demand.a[i], demand.b[i], demand.top[i], demand.line_cap[i]
+        first, line = earliest_arrival(s, v, a, top, cap, min(motion.TURN_DECEL_MPS2, b))
+        row = (s, v, demand.length[i], a, b, top, cap, demand.cross_top[i], first, line)
+        for field in range(len(row)):
+            cars[i, field] = row[field]
+        name = demand.movement[i] * bodies + demand.footprint[i]
+        if named[name] < 0:
+            named[name] = kinds
+            movement[kinds], footprint[kinds] = demand.movement[i], demand.footprint[i]
+            kinds += 1
+        kind[i] = named[name]
+        for m in range(demand.windows.shape[2]):
+            leave = demand.windows[demand.movement[i], demand.footprint[i], m, demand.footprint[i], 1]
+            if leave > -NEVER:  # false for NaN
+                exit_m[i] = max(exit_m[i], leave)
+        for r in range(demand.blocked.shape[1]):
+            if demand.blocked[i, r, 1] > -NEVER:
+                met[rows] = demand.blocked[i, r]
+                rows += 1
+        since[i + 1] = rows
+    ground = np.empty((kinds, kinds, 4))
+    for c in range(kinds):
+        for d in range(kinds):
+            ground[c, d, :2] = demand.windows[movement[c], footprint[c], movement[d], footprint[d]]
+            ground[c, d, 2:] = demand.windows[movement[d], footprint[d], movement[c], footprint[c]]
+    return Course(cars, exit_m, kind, ground, since, met[:rows])
+
+
+@kernel
+def car_of(row: Floats) -> Car:
+    """The car of a row of `Course.cars`."""
+    return Car(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9])
+
+
+@kernel
+def line_speed(car: Car, time: float, manner: Manner) -> float:
+    """Speed over the line on the approach to a slot at `time`."""
+    speed = car.line
+    if time > car.first + 0.05:
+        speed = approach(car.s, car.v, time, car.a, car.b, car.top, car.line_cap, manner)[2]
+    return max(speed, SLOWEST_MPS)
+
+
+@kernel
+def kept_off(
+    car: Car, time: float, speed: float, begin: float, end: float, enter: float, leave: float, margin: float
+) -> float:
+    """When a car over the line at `time` has to come instead to keep `margin` off a window (begin, end), s.
+
+    The window is on the ground between its front's `enter` and its rear's `leave`, m past the line.
+    """
+    if enter >= 0.0 and time >= end + margin:
+        return time
+    mine_in = time + time_past_line(enter, speed, car.a, car.cross_top)
+    if mine_in < end + margin and time + time_past_line(leave, speed, car.a, car.cross_top) > begin - margin:
+        return time + end + margin - mine_in
+    return time
+
+
+@kernel
+def settle(car: Car, start: float, met: Floats, placed: Floats, rules: Rules) -> tuple[float, float]:
+    """The first (slot, line speed) of a car not before `start` that no reserved or placed window forbids.
+
+    `met` (B, 4) as in `Course`, `placed` (P, 5) as `enter_windows` leaves them.
+    """
+    time, speed = max(start, car.first), SLOWEST_MPS
     for _ in range(SETTLE_ROUNDS):
-        if time > first + 0.05:
-            speed = approach(
-                demand.s[i],
-                demand.v[i],
-                time,
-                a,
-                demand.b[i],
-                demand.top[i],
-                demand.line_cap[i],
-                rules.manner,
-            )[2]
-        speed = max(speed, 0.5)
+        speed = line_speed(car, time, rules.manner)
         margin = max(rules.margin_s, rules.margin_m / speed + rules.extra_s)
         later = time
-        for r in range(demand.blocked.shape[1]):
-            if demand.blocked[i, r, 1] > -NEVER:  # false for NaN
-                begin = time + time_past_line(demand.blocked[i, r, 2], speed, a, top)
-                end = time + time_past_line(demand.blocked[i, r, 3], speed, a, top)
-                if begin < demand.blocked[i, r, 1] + margin and end > demand.blocked[i, r, 0] - margin:
-                    later = max(later, time + demand.blocked[i, r, 1] + margin - begin)
-        for k in range(count):
-            j = placed[k]
-            mine = demand.windows[movement, footprint, demand.movement[j], demand.footprint[j]]
-            if mine[1] > -NEVER:
-                its = demand.windows[demand.movement[j], demand.footprint[j], movement, footprint]
-                begin = time + time_past_line(mine[0], speed, a, top)
-                end = time + time_past_line(mine[1] + length, speed, a, top)
-                its_in = slot[j] + time_past_line(its[0], line[j], demand.a[j], demand.cross_top[j])
-                its_out = slot[j] + time_past_line(its[1] + demand.length[j], line[j], demand.a[j], demand.cross_top[j])
-                both = max(margin, rules.margin_m / line[j] + rules.extra_s)
-                if begin < its_out + both and end > its_in - both:
-                    later = max(later, time + its_out + both - begin)
-        if later <= time + 1e-9:
+        for r in range(met.shape[0]):
+            later = max(later, kept_off(car, time, speed, met[r, 0], met[r, 1], met[r, 2], met[r, 3], margin))
+        later = max(later, off_placed(car, time, speed, placed, 0, placed.shape[0], rules))
+        if later <= time + SAME_S:
             break
         time = later
     return time, speed
 
 
 @kernel
-def behind(i: int, j: int, demand: Demand, rules: Rules, slot: Floats, line: Floats) -> float:
-    """Earliest slot of i directly behind j in its lane: j's own length and the standing gap, and the headway."""
-    way = time_past_line(demand.length[j] + motion.REAR_GAP_M, line[j], demand.a[j], demand.cross_top[j])
-    worse_brake = max(0.0, 0.5 * line[j] * (1.0 / demand.b[i] - 1.0 / demand.b[j]))
-    return float(slot[j] + way + rules.headway_s + worse_brake)
+def off_placed(car: Car, time: float, speed: float, placed: Floats, first: int, last: int, rules: Rules) -> float:
+    """When a car over the line at `time` has to come instead for the placed windows `first` to `last`, s."""
+    later, margin = time, max(rules.margin_s, rules.margin_m / speed + rules.extra_s)
+    for k in range(first, last):
+        leave, both = placed[k, 3] + car.length, max(margin, placed[k, 4])
+        later = max(later, kept_off(car, time, speed, placed[k, 0], placed[k, 1], placed[k, 2], leave, both))
+    return later
 
 
 @kernel
-def hold(i: int, demand: Demand, line: float) -> float:
-    """How long vehicle i keeps the ground that others want, s."""
-    exit_m = 0.0
-    for m in range(demand.windows.shape[2]):
-        window = demand.windows[demand.movement[i], demand.footprint[i], m, demand.footprint[i]]
-        if window[1] > -NEVER:  # false for NaN
-            exit_m = max(exit_m, window[1])
+def passed_by(time: float, placed: Floats, first: int, last: int, rules: Rules) -> int:
+    """The first of the placed windows `first` to `last` that a car over the line at `time` or later may meet."""
+    widest = max(rules.margin_s, rules.margin_m / SLOWEST_MPS + rules.extra_s)
+    while first < last and placed[first, 2] >= 0.0 and time >= placed[first, 1] + max(widest, placed[first, 4]):
+        first += 1
+    return first
+
+
+@kernel
+def enter_windows(
+    car: Car, slot: float, line: float, ground: Floats, rules: Rules, count: Ints, placed: Floats
+) -> None:
+    """Add the windows of a car over the line at `slot` with speed `line`, for each of the kinds that meets it.
+
+    `ground` (C, 4) are the rows of its kind in `Course.ground`. A row of `placed` (C, n, 5), of which kind c has
+    `count[c]`, is a window (in, out), s; where a front of the kind enters and a rear leaves it, m; and the margin that
+    its holder asks for, s.
+    """
+    margin = rules.margin_m / line + rules.extra_s
+    for c in range(count.shape[0]):
+        if ground[c, 3] > -NEVER:  # false for NaN
+            k = count[c]
+            placed[c, k, 0] = slot + time_past_line(ground[c, 0], line, car.a, car.cross_top)
+            placed[c, k, 1] = slot + time_past_line(ground[c, 1] + car.length, line, car.a, car.cross_top)
+            placed[c, k, 2], placed[c, k, 3], placed[c, k, 4] = ground[c, 2], ground[c, 3], margin
+            count[c] = k + 1
+
+
+@kernel
+def behind(leader: Car, slot: float, line: float, b: float, headway_s: float) -> float:
+    """Earliest slot directly behind `leader` in its lane: its own length and the standing gap, and the headway.
+
+    The leader is over the line at `slot` with speed `line`; b is the follower's deceleration.
+    """
+    way = time_past_line(leader.length + motion.REAR_GAP_M, line, leader.a, leader.cross_top)
+    worse_brake = max(0.0, 0.5 * line * (1.0 / b - 1.0 / leader.b))
+    return float(slot + way + headway_s + worse_brake)
+
+
+@kernel
+def hold(car: Car, exit_m: float, line: float) -> float:
+    """How long a car keeps the ground that others want, s."""
     if exit_m <= 0.0:
         return 0.0
-    return float(time_past_line(exit_m + demand.length[i], line, demand.a[i], demand.cross_top[i]))
+    return float(time_past_line(exit_m + car.length, line, car.a, car.cross_top))
 
 
 @kernel
-def schedule(demand: Demand, rules: Rules, bids: Floats, order: Ints, dispatch: bool) -> tuple[Ints, Floats, Floats]:
+def schedule(
+    demand: Demand, rules: Rules, course: Course, bids: Floats, order: Ints, dispatch: bool
+) -> tuple[Ints, Floats, Floats]:
     """(order, slots, line speeds): of the dispatch auction on `bids` (s), or of the given lane-respecting order.
 
-    `bids` already include the transfers of blocked followers.
+    `bids` already include the transfers of blocked followers. A lane's head that has a slot keeps it until a vehicle
+    placed since takes ground it meant to use: its slot agreed with all that were placed before.
     """
-    n = demand.s.shape[0]
-    lanes = demand.queue.shape[0]
-    slot, line = np.full(n, NEVER), np.full(n, 1.0)
-    taken = np.empty(n, np.int64)
-    place = np.zeros(lanes, np.int64)
-    fresh = np.zeros(lanes, np.bool_)
-    for count in range(n):
-        best, chosen, best_score = -1, -1, -NEVER
+    queue, arrival, kind, cars = demand.queue, demand.arrival, course.kind, course.cars
+    n, lanes, kinds = kind.shape[0], queue.shape[0], course.ground.shape[0]
+    slot, line, score = np.full(n, NEVER), np.full(n, 1.0), np.full(n, -NEVER)
+    taken, floor = np.empty(n, np.int64), demand.floor.copy()
+    head, ahead = queue[:, 0].copy(), np.zeros(lanes, np.int64)
+    seen = np.full(lanes, -1)  # placed windows that the lane's head agrees with; -1: it has no slot yet
+    past, past_kind = np.zeros(lanes, np.int64), np.full(lanes, -1)  # windows that are over for all of the lane
+    count, placed = np.zeros(kinds, np.int64), np.empty((kinds, n, 5))
+    for turn in range(n):
+        best, chosen = -1, -1
         for k in range(lanes):
-            i = demand.queue[k, place[k]] if place[k] < demand.queue.shape[1] else -1
-            if i < 0 or (not dispatch and order[count] != i):
+            i = head[k]
+            if i < 0 or (not dispatch and order[turn] != i):
                 continue
-            if fresh[k]:
-                start = slot[i]
-            else:
-                start = demand.floor[k]
-                if place[k] > 0:
-                    start = max(start, behind(i, demand.queue[k, place[k] - 1], demand, rules, slot, line))
-                fresh[k] = True
-            slot[i], line[i] = settle(i, start, demand, rules, taken, count, slot, line)
-            score = bids[i] - slot[i] - rules.hold_weight * hold(i, demand, line[i])
-            earlier = best >= 0 and score == best_score and demand.arrival[i] < demand.arrival[chosen]
-            if score > best_score or earlier:
-                best, best_score, chosen = k, score, i
-        taken[count] = chosen
-        place[best] += 1
-        fresh[best] = False
+            c = kind[i]
+            if seen[k] < count[c] or seen[k] < 0:
+                car, start = car_of(cars[i]), floor[k]
+                if seen[k] >= 0:
+                    start = off_placed(car, slot[i], line[i], placed[c], seen[k], count[c], rules)
+                if seen[k] < 0 or start > slot[i] + SAME_S:
+                    if past_kind[k] != c:
+                        past[k], past_kind[k] = 0, c
+                    met = course.met[course.since[i] : course.since[i + 1]]
+                    slot[i], line[i] = settle(car, start, met, placed[c, past[k] : count[c]], rules)
+                    past[k] = passed_by(slot[i], placed[c], past[k], count[c], rules)
+                    score[i] = bids[i] - slot[i] - rules.hold_weight * hold(car, course.exit_m[i], line[i])
+                seen[k] = count[c]
+            earlier = best >= 0 and score[i] == score[chosen] and arrival[i] < arrival[chosen]
+            if best < 0 or score[i] > score[chosen] or earlier:
+                best, chosen = k, i
+        taken[turn], seen[best] = chosen, -1
+        car = car_of(cars[chosen])
+        enter_windows(car, slot[chosen], line[chosen], course.ground[kind[chosen]], rules, count, placed)
+        ahead[best] += 1
+        head[best] = queue[best, ahead[best]] if ahead[best] < queue.shape[1] else -1
+        if head[best] >= 0:
+            b = cars[head[best], B]
+            floor[best] = max(floor[best], behind(car, slot[chosen], line[chosen], b, rules.headway_s))
     return taken, slot, line
 
 
-def weighted_delay(demand: Demand, slot: Floats, priority: Floats) -> float:
-    """Predicted weighted delay sum Ps (T - s / v_max), s."""
-    return float(np.sum(priority * (slot - demand.s / demand.top)))
+@kernel
+def schedules(demand: Demand, rules: Rules, bids: Floats, order: Ints) -> tuple[Ints, Floats, Floats]:
+    """`schedule` of the given order, then of the dispatch auction on each row of `bids` (C, n): all (C + 1, n)."""
+    course = course_of(demand)
+    shape = bids.shape[0] + 1, bids.shape[1]
+    orders, slots, lines = np.empty(shape, np.int64), np.empty(shape), np.empty(shape)
+    for k in range(shape[0]):
+        row = bids[max(k - 1, 0)]
+        orders[k], slots[k], lines[k] = schedule(demand, rules, course, row, order, k > 0)
+    return orders, slots, lines
+
+
+def weighted_delay(demand: Demand, slots: Floats, priority: Floats) -> Floats:
+    """(C,) predicted weighted delay sum Ps (T - s / v_max) of slots (C, n), s."""
+    return np.asarray(np.sum(priority * (slots - demand.s / demand.top), axis=1))

@@ -11,9 +11,10 @@ from gameopt_im.core import horizon
 from gameopt_im.core.horizon import HorizonRules, HorizonTask
 from gameopt_im.core.kinematics import manner_of
 from gameopt_im.core.parameters import Planner
+from gameopt_im.core.planning import Stake
 from gameopt_im.core.program import QP, Csc
 from gameopt_im.core.snapshot import Floats
-from gameopt_im.solver.jobs import Job, Outcome
+from gameopt_im.solver.jobs import Outcome
 from gameopt_im.solver.workspace import Solution, kept_workspace
 
 COST_SCALE = 0.02
@@ -24,20 +25,30 @@ ALPHA = 1.8
 KNOWN_LANES = 256
 """Solutions of lanes that are remembered: more than a control cycle's candidates have lanes."""
 MAX_ITERATIONS = 1000
+ALONE = Stake(0.0, 1.0, 0.0)
+"""The stake of a candidate that nothing is compared with."""
 TOLERANCE = 0.4
 """Share of the residual allowed that the solver is asked for."""
 
 
 @dataclass(frozen=True, slots=True)
+class HorizonOutcome(Outcome):
+    """An outcome with the multipliers (n, 4, H) of the rows, to judge other candidates by."""
+
+    duals: Floats
+
+
+@dataclass(frozen=True, slots=True)
 class HorizonJob:
-    """One candidate's slots (n,), s, for the task its control cycle shares."""
+    """One candidate's slots (n,), s, for the task its control cycle shares, and its stake in the choice of q*."""
 
     task: HorizonTask
     rules: HorizonRules
     slots: Floats
     residual_mps: float
+    stake: Stake = ALONE
 
-    def solve(self) -> Outcome | None:
+    def solve(self) -> HorizonOutcome | None:
         """Speeds for the next control cycle and J; starts from the approach law, so from the snapshot alone."""
         solutions = []
         for qp, reference in horizon.build(self.task, self.rules, self.slots):
@@ -46,11 +57,18 @@ class HorizonJob:
                 return None
             solutions.append(solution)
         u = np.concatenate([solution.x for solution in solutions])
-        return Outcome(
+        duals = [horizon.by_vehicle(each.y, count) for each, count in zip(solutions, self.task.counts, strict=True)]
+        return HorizonOutcome(
             horizon.first_speeds(self.task, self.rules, u),
             horizon.objective(self.task, self.rules, u),
             max(solution.residual for solution in solutions),
+            np.concatenate(duals) / COST_SCALE,
         )
+
+    def may_cost(self, duals: Floats) -> float:
+        """The least that any solution can cost, judged by the multipliers of another candidate."""
+        given = horizon.bounds(self.task, self.rules, self.slots)
+        return self.stake.cost(horizon.least_objective(self.task, self.rules, given, duals, self.residual_mps))
 
 
 _known: OrderedDict[bytes, Solution | None] = OrderedDict()
@@ -75,7 +93,7 @@ def _scaled(qp: QP) -> QP:
     return replace(qp, P=p, q=qp.q * COST_SCALE)
 
 
-def warm_up() -> list[Job]:
+def warm_up() -> list[HorizonJob]:
     """A small job that compiles, or loads, what a worker will need."""
     one = np.ones(2)
     task = HorizonTask(

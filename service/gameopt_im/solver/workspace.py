@@ -23,9 +23,13 @@ from gameopt_im.core.snapshot import Floats, Ints
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """x (nx,), the objective there with its constant, and the largest violation of l <= Ax <= u (m/s)."""
+    """x (nx,), the objective there with its constant, the largest violation of l <= Ax <= u (m/s), multipliers y (m,).
+
+    A multiplier is positive where a row is at its u.
+    """
 
     x: Floats
+    y: Floats
     objective: float
     residual: float
     iterations: int
@@ -91,11 +95,11 @@ class Workspace:
         else:
             self._kept.move_to_end(key)
             kept.update(qp)
-        x, iterations = kept.run(np.zeros(len(qp.q)) if warm_start is None else warm_start)
+        x, y, iterations = kept.run(np.zeros(len(qp.q)) if warm_start is None else warm_start)
         residual = kept.residual(qp, x)
         if not residual <= self._residual_mps:  # also where x is not a number
             return None
-        return Solution(x, kept.objective(qp, x), residual, iterations)
+        return Solution(x, y, kept.objective(qp, x), residual, iterations)
 
 
 kept_workspace = cache(Workspace)
@@ -111,7 +115,7 @@ class _Kept:
         self._a_column = _columns(qp.A)
         self._off_diagonal = 0.5 + 0.5 * (self._p_column != qp.P.indices)
         self._unit_rows = unit_rows
-        scale = self._row_scale(qp)
+        scale = self._scale = self._row_scale(qp)
         a = Csc((qp.A.shape[0], qp.A.shape[1]), qp.A.data * scale[qp.A.indices], qp.A.indices, qp.A.indptr)
         self._osqp = osqp.OSQP()
         self._osqp.setup(_matrix(qp.P), qp.q, _matrix(a), qp.l * scale, qp.u * scale, **settings)
@@ -128,16 +132,17 @@ class _Kept:
         given = (qp.P.indptr, qp.P.indices, qp.A.indptr, qp.A.indices)
         if not all(map(np.array_equal, given, self._pattern)):
             raise ValueError("a program with another sparsity pattern under the same key")
-        scale = self._row_scale(qp)
+        scale = self._scale = self._row_scale(qp)
         self._osqp.update(
             q=qp.q, l=qp.l * scale, u=qp.u * scale, Px=qp.P.data, Ax=qp.A.data * scale[qp.A.indices]
         )  # fmt: skip
 
-    def run(self, start: Floats) -> tuple[Floats, int]:
-        """(x, iterations) from `start` and y = 0; x is not a number where the solver gives none."""
+    def run(self, start: Floats) -> tuple[Floats, Floats, int]:
+        """(x, y, iterations) from `start` and y = 0; x is not a number where the solver gives none."""
         self._osqp.warm_start(x=start, y=np.zeros(self._osqp.m))
         result = self._osqp.solve(raise_error=False)
-        return np.array(result.x, dtype=np.float64), int(result.info.iter)
+        y = np.array(result.y, dtype=np.float64) * self._scale
+        return np.array(result.x, dtype=np.float64), y, int(result.info.iter)
 
     def residual(self, qp: QP, x: Floats) -> float:
         """Largest violation of l <= Ax <= u, computed apart from the solver."""

@@ -1,0 +1,114 @@
+"""What a contest leaves unsolved could not have won, and the bound it goes by is one."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gameopt_im.core import horizon
+from gameopt_im.core.horizon import HorizonRules, HorizonTask
+from gameopt_im.core.kinematics import NEVER, Manner
+from gameopt_im.core.planning import Stake
+from gameopt_im.solver import horizon_job, jobs
+from gameopt_im.solver.contest import Contest
+from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome
+from gameopt_im.solver.pool import Counts, Pool
+
+RULES = HorizonRules(blocks=(0.5, 1.0, 2.0), trade_off=0.7, rear_gap=2.0, manner=Manner((1.0, 3.4), 0.5, 0.9))
+PLAY_MPS = 1e-3
+
+
+@st.composite
+def contests(draw: st.DrawFn) -> list[HorizonJob]:
+    """Candidates of one task: slots that differ here and there, delays that lie about as far apart as J does."""
+    counts = tuple(draw(st.lists(st.integers(1, 4), min_size=1, max_size=3)))
+    random = np.random.default_rng(draw(st.integers(0, 2**32)))
+    n = sum(counts)
+    s = np.concatenate([np.cumsum(random.uniform(12.0, 40.0, count)) for count in counts])
+    top = random.uniform(12.0, 20.0, n)
+    task = HorizonTask(
+        counts=counts, s=s, v=top * random.uniform(0.3, 1.0, n), length=np.full(n, 5.0), a=random.uniform(1.0, 2.5, n),
+        b=np.full(n, 4.5), top=top, line_cap=top * random.choice([0.6, 1.0], n), ps=random.uniform(0.8, 5.0, n),
+        pv=random.uniform(0.5, 2.5, n), room=np.full((n, len(RULES.blocks)), NEVER),
+    )  # fmt: skip
+    slots = s / top + np.concatenate([np.cumsum(random.uniform(0.5, 3.0, count)) for count in counts])
+    spread = draw(st.sampled_from([0.0, 0.1, 3.0]))
+    made = []
+    for k in range(draw(st.integers(1, 6))):
+        moved = slots + spread * random.normal(size=n) * (random.random(n) < 0.5)
+        stake = Stake(10.0 + spread * random.random(), 0.01, 0.02 if k == 0 else 0.0)
+        made.append(HorizonJob(task, RULES, np.maximum(moved, s / top), PLAY_MPS, stake))
+    return made
+
+
+def outcome_of(pool: Pool[HorizonJob, HorizonOutcome], made: Sequence[HorizonJob]) -> list[HorizonOutcome | None]:
+    async def solve() -> list[HorizonOutcome | None]:
+        async with pool:
+            return await pool.solve(made)
+
+    return asyncio.run(solve())
+
+
+def winner(made: Sequence[HorizonJob], outcomes: Sequence[HorizonOutcome | None]) -> tuple[int, bytes] | None:
+    costs = [
+        (job.stake.cost(outcome.objective), k, outcome.speeds.tobytes())
+        for k, (job, outcome) in enumerate(zip(made, outcomes, strict=True))
+        if outcome is not None
+    ]
+    return min(costs)[1:] if costs else None
+
+
+@given(made=contests())
+@settings(max_examples=60)
+def test_a_contest_has_the_winner_of_solving_all(made: list[HorizonJob]) -> None:
+    everything = outcome_of(Pool(0, jobs.SOLVE), made)
+    contest = Contest(0, jobs.SOLVE)
+    some = outcome_of(contest, made)
+    assert winner(made, some) == winner(made, everything)
+    assert contest.counts.solved + contest.counts.failed <= len(made)
+
+
+@given(made=contests(), seed=st.integers(0, 2**32))
+@settings(max_examples=60)
+def test_no_solution_is_below_the_bound(made: list[HorizonJob], seed: int) -> None:
+    """Whatever the multipliers; and with its own it is close."""
+    random = np.random.default_rng(seed)
+    for job, outcome in zip(made, outcome_of(Pool(0, jobs.SOLVE), made), strict=True):
+        if outcome is None:
+            continue
+        bounds = horizon.bounds(job.task, RULES, job.slots)
+        for duals in (outcome.duals, random.normal(size=outcome.duals.shape)):
+            assert horizon.least_objective(job.task, RULES, bounds, duals, PLAY_MPS) <= outcome.objective + 1e-9
+        own = horizon.least_objective(job.task, RULES, bounds, outcome.duals, 0.0)
+        assert own == pytest.approx(outcome.objective, rel=5e-3, abs=0.5)
+
+
+def job(slots: Sequence[float], delay: float) -> HorizonJob:
+    (warm,) = horizon_job.warm_up()
+    return HorizonJob(warm.task, warm.rules, np.array(slots), PLAY_MPS, Stake(delay, 0.01, 0.0))
+
+
+def test_who_cannot_win_is_not_solved() -> None:
+    contest = Contest(0, jobs.SOLVE)
+    first, second, third = outcome_of(contest, [job([5.0, 7.0], 30.0), job([6.0, 8.0], 10.0), job([9.0, 12.0], 30.0)])
+    assert second is not None
+    assert first is third is None
+    assert contest.counts == Counts(solved=1)
+
+
+def test_if_the_favourite_has_no_solution_the_others_are_tried() -> None:
+    contest = Contest(0, jobs.SOLVE)
+    hopeless = job([float("nan"), 7.0], 10.0)
+    first, second = outcome_of(contest, [hopeless, job([5.0, 7.0], 30.0)])
+    assert first is None
+    assert second is not None
+    assert contest.counts == Counts(solved=1, failed=1)
+
+
+def test_nobody_to_plan_is_no_contest() -> None:
+    assert outcome_of(Contest(0, jobs.SOLVE), []) == []

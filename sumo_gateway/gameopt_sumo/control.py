@@ -84,9 +84,9 @@ class Control:
                 libsumo.vehicle.setSpeed(vehicle, max(limit_mps, cap_mps))
 
     def hold_back(self, body: Body) -> None:
-        """A vehicle on a wrong lane is SUMO's, to change lanes; it may never come too near to stop before the line.
+        """A vehicle on a wrong lane is SUMO's, to change it, and one with a stop planned before the line, to make it.
 
-        Once it is on a right one it is taken over, and could not be if it could not stop.
+        It may never come too near to stop before the line: once it is ready it is taken over, and could not be then.
         """
         self.release(body.vehicle, for_good=False)
         known = self._about.vehicles[body.vehicle]
@@ -104,14 +104,18 @@ class Control:
             self.release(body.vehicle)
 
     def end_m(self, body: Body) -> float | None:
-        """How far the front is from the end of an exit where the vehicle has to yield; None while its tail is inside.
+        """How far the front is from where SUMO's driver has to brake on the exit; None while its tail is inside.
 
-        Until it has been given back it keeps clear of that end as of a standing vehicle.
+        That is the end of an exit where it has to yield, or a stop it has planned. Until it has been given back it
+        keeps clear of that as of a standing vehicle.
         """
         if body.on_exit is None or body.movement is None:
             return None
-        reach_m = self._places[body.on_exit].yields_m
-        clear = body.past_line_m - body.length_m >= self._movements[body.movement].clear_m
-        if reach_m is None or not clear or len(readings.route_ahead(body.vehicle)) < 2:
+        if body.past_line_m - body.length_m < self._movements[body.movement].clear_m:
             return None
-        return reach_m - body.exit_m
+        stop = self._about.vehicles[body.vehicle].stop
+        ends = [stop[1]] if stop is not None and stop[0] == body.on_exit else []
+        reach_m = self._places[body.on_exit].yields_m
+        if reach_m is not None and len(readings.route_ahead(body.vehicle)) >= 2:
+            ends.append(reach_m)
+        return min(ends) - body.exit_m if ends else None

@@ -69,6 +69,8 @@ class Vehicle:
     max_decel_mps2: float
     lane: str = ""
     movement: int | None = None
+    stop: tuple[str, float] | None = None
+    """The lane and position of its next planned stop, as far as it is on the way over this junction."""
     controlled: bool = False
     released: bool = False
 

@@ -25,7 +25,8 @@ class Body:
     is that lane and `exit_m` the position on it. `lane` is the index of the approach lane it is on, came from
     or is bound for. `shared` are the upstream lanes it stands on, with its front's position along each, beyond its
     end too, and how far each reaches. A vehicle that has to change lanes `wants` approach lanes: whoever comes up
-    behind it there lets it in. Its image on such a lane is `beside`.
+    behind it there lets it in. Its image on such a lane is `beside`. One that `halts` has planned a stop before the
+    line.
     """
 
     vehicle: str
@@ -38,6 +39,7 @@ class Body:
     shared: tuple[tuple[str, float, float], ...] = ()
     wants: tuple[tuple[int, float], ...] = ()
     beside: bool = False
+    halts: bool = False
 
 
 class Radar:

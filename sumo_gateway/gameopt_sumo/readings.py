@@ -63,6 +63,12 @@ def read_vehicle(vehicle: str) -> Vehicle:
     )
 
 
+def next_stop(vehicle: str) -> tuple[str, float] | None:
+    """(lane, end position) of the next stop that a vehicle has planned, or is making; None without one."""
+    stops = libsumo.vehicle.getStops(vehicle, 1)
+    return (str(stops[0].lane), float(stops[0].endPos)) if stops else None
+
+
 def vehicles_on(lane: str) -> tuple[str, ...]:
     """The vehicles with their front on a lane, upstream first."""
     return tuple(libsumo.lane.getLastStepVehicleIDs(lane))

@@ -134,7 +134,7 @@ class Simulation:
         """Everything that is done to vehicles beside setting speeds."""
         self._control.slow_down()
         for body in bodies.values():
-            if body.wants:
+            if body.wants or body.halts:
                 self._control.hold_back(body)
             elif self._control.in_range(body):
                 self._control.hand_over(body, leaders.get(body.vehicle))

@@ -53,8 +53,11 @@ class Whereabouts:
             return self._exit_body(known, lane, position_m)
         past_line_m = place.offset_m + position_m
         shared = self._shared(place.lane, past_line_m, known.length_m)
-        wants = self._wants(known, lane, position_m) if known.movement is None else ()
-        return Body(vehicle, known.movement, place.lane, past_line_m, known.length_m, shared=shared, wants=wants)
+        halts = self._halts(known)
+        wants = self._wants(known, lane, position_m) if known.movement is None and not halts else ()
+        return Body(
+            vehicle, known.movement, place.lane, past_line_m, known.length_m, shared=shared, wants=wants, halts=halts
+        )
 
     def _upstream_body(self, vehicle: str, lane: str, place: Place, position_m: float) -> Body | None:
         """A vehicle on the way to the approach; without a movement where it cannot go on from its lane."""
@@ -71,8 +74,11 @@ class Whereabouts:
         along = any_lane if bound_for is None else bound_for
         past_line_m = place.offsets_m[along] + position_m
         shared = self._shared(along, past_line_m, known.length_m)
-        wants = self._wants(known, lane, position_m) if known.movement is None else ()
-        return Body(vehicle, known.movement, bound_for, past_line_m, known.length_m, shared=shared, wants=wants)
+        halts = self._halts(known)
+        wants = self._wants(known, lane, position_m) if known.movement is None and not halts else ()
+        return Body(
+            vehicle, known.movement, bound_for, past_line_m, known.length_m, shared=shared, wants=wants, halts=halts
+        )
 
     def _exit_body(self, known: Vehicle, lane: str, position_m: float) -> Body:
         movement = None if known.movement is None else self._movements[known.movement]
@@ -98,14 +104,21 @@ class Whereabouts:
             known = self.vehicles[vehicle] = readings.read_vehicle(vehicle)
         place = self._layout.places[lane]
         if known.lane != lane or (known.movement is None and place.kind != "exit"):
-            known.lane = lane
-            if place.kind == "approach":
+            known.lane, known.stop = lane, readings.next_stop(vehicle)
+            if self._halts(known):
+                known.movement = None  # SUMO's driver makes the stop, and is in charge until it goes on
+            elif place.kind == "approach":
                 known.movement = self._movement_ahead(vehicle, lane)
             elif place.kind == "upstream":
                 known.movement = self._movement_beyond(vehicle)
             elif place.kind == "internal":
                 known.movement = place.movement
         return known
+
+    def _halts(self, known: Vehicle) -> bool:
+        """Whether it has planned a stop on its way to the line."""
+        place = None if known.stop is None else self._layout.places.get(known.stop[0])
+        return place is not None and place.kind in ("approach", "upstream")
 
     def _movement_ahead(self, vehicle: str, lane: str) -> int | None:
         """The movement that this lane offers towards the vehicle's next edge; None on a wrong lane."""

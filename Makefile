@@ -5,13 +5,14 @@ DEMO_SECONDS ?= 60
 BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 
-.PHONY: help demo test lint explore figures any-junction
+.PHONY: help demo test lint explore bench figures any-junction
 
 help:
 	@echo "make demo     manager and vehicles as two processes, 6,000 veh/h, DEMO_SECONDS=$(DEMO_SECONDS) simulated seconds"
 	@echo "make test     every test"
 	@echo "make lint     ruff, mypy, import-linter"
 	@echo "make explore  the property tests on new random cases, many more of them"
+	@echo "make bench    how long decisions take, on recorded and on made-up traffic; ten minutes"
 	@echo "make figures  the measured tables of docs/results; takes hours"
 	@echo "make any-junction  other junctions against their own control; half an hour"
 
@@ -29,6 +30,9 @@ lint: .venv/installed-dev
 
 explore: .venv/installed-dev
 	$(BIN)/pytest tests/property tests/unit --hypothesis-profile=explore
+
+bench: .venv/installed
+	$(BIN)/python tests/load/bench.py
 
 any-junction: .venv/installed
 	$(BIN)/python tests/load/any_junction.py

@@ -82,9 +82,9 @@ def test_no_solution_is_below_the_bound(made: list[HorizonJob], seed: int) -> No
         if outcome is None:
             continue
         bounds = horizon.bounds(job.task, RULES, job.slots)
-        for duals in (outcome.duals, random.normal(size=outcome.duals.shape)):
+        for duals in (outcome.end.duals, random.normal(size=outcome.end.duals.shape)):
             assert horizon.least_objective(job.task, RULES, bounds, duals, PLAY_MPS) <= outcome.objective + 1e-9
-        own = horizon.least_objective(job.task, RULES, bounds, outcome.duals, 0.0)
+        own = horizon.least_objective(job.task, RULES, bounds, outcome.end.duals, 0.0)
         assert own == pytest.approx(outcome.objective, rel=5e-3, abs=0.5)
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -63,6 +63,20 @@ class HorizonRules:
     trade_off: float
     rear_gap: float
     manner: Manner
+
+
+class Start(NamedTuple):
+    """Where the solver starts: speeds u (n, H), NaN where the approach law's are to be taken; multipliers (n, 4, H)."""
+
+    u: Floats
+    duals: Floats
+
+    def carried_over(self, row: Ints) -> Start:
+        """The start of other vehicles that were in these rows (n,); -1 where one was in none."""
+        known = row >= 0
+        return Start(
+            np.where(known[:, None], self.u[row], np.nan), np.where(known[:, None, None], self.duals[row], 0.0)
+        )
 
 
 @lru_cache(maxsize=512)

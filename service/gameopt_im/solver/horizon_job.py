@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from gameopt_im.core import horizon
+from gameopt_im.core import duality, horizon
 from gameopt_im.core.horizon import HorizonRules, HorizonTask, Start
 from gameopt_im.core.kinematics import manner_of
 from gameopt_im.core.parameters import Planner
@@ -86,7 +86,7 @@ class HorizonJob:
     def may_cost(self, duals: Floats) -> float:
         """The least that any solution can cost, judged by the multipliers (n, 4, H) of another candidate."""
         given = horizon.bounds(self.task, self.rules, self.slots)
-        return self.stake.cost(horizon.least_objective(self.task, self.rules, given, duals, self.residual_mps))
+        return self.stake.cost(duality.least_objective(self.task, self.rules, given, duals, self.residual_mps))
 
 
 _known: OrderedDict[bytes, Solution | None] = OrderedDict()

@@ -8,22 +8,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from gameopt_im.core import auction, decision, horizon, planning, program
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.decision import Winner
+from gameopt_im.core.horizon import Start
 from gameopt_im.core.interlock import Limits
 from gameopt_im.core.planning import Bidders, Candidate
 from gameopt_im.core.reservations import Book
 from gameopt_im.core.slots import Demand
 from gameopt_im.core.snapshot import Ints, Snapshot
 from gameopt_im.options import ServeOptions
-from gameopt_im.solver.horizon_job import HorizonJob
+from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome
 from gameopt_im.solver.jobs import Outcome, PaperJob
 from gameopt_wire.messages import STEP_S
+
+FORGET_CYCLES = 10
+"""Control cycles after which a solution is no start for another."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +38,9 @@ class Proposal:
     candidates: Sequence[Any]
     jobs: Sequence[Any]
     problem: Demand | None
+    cycle: int = 0
+    vehicles: tuple[str, ...] = ()
+    """The bidders, where a later control cycle will ask for them."""
 
     @property
     def count(self) -> int:
@@ -55,6 +62,14 @@ class Strategy(Protocol):
         """q* and its speeds; None where there is nobody to plan."""
 
 
+class Ended(NamedTuple):
+    """Where the winner's program ended in a control cycle, and the row of each vehicle there."""
+
+    cycle: int
+    row: dict[str, int]
+    end: Start
+
+
 class DefaultProfile:
     """Dispatch auction, slots, incumbent, approach, horizon program."""
 
@@ -64,6 +79,7 @@ class DefaultProfile:
         self._ground = ground
         self._parameters = options.parameters
         self._rules = planning.horizon_rules(options.parameters)
+        self._ended: Ended | None = None
 
     def propose(
         self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...]
@@ -79,12 +95,21 @@ class DefaultProfile:
         options = planning.candidates(problem, who, priority, snapshot.waited[who.index], incumbent, parameters)
         task = planning.horizon_task(snapshot, book, limits, problem, who, parameters)
         residual = parameters.program.residual_mps
+        vehicles = tuple(snapshot.ids[i] for i in who.index)
+        start = self._start(snapshot.cycle, vehicles)
         stakes = [planning.stake_of(option, parameters) for option in options]
         jobs = [
-            HorizonJob(task, self._rules, option.slots, residual, stake)
+            HorizonJob(task, self._rules, option.slots, residual, stake, start)
             for option, stake in zip(options, stakes, strict=True)
         ]
-        return Proposal(who, options, jobs, problem)
+        return Proposal(who, options, jobs, problem, snapshot.cycle, vehicles)
+
+    def _start(self, cycle: int, vehicles: tuple[str, ...]) -> Start | None:
+        """Where the programs start: where the last winner's ended, unless that was long ago or in another run."""
+        if self._ended is None or not 0 < cycle - self._ended.cycle <= FORGET_CYCLES:
+            return None
+        row = self._ended.row
+        return self._ended.end.carried_over(np.array([row.get(vehicle, -1) for vehicle in vehicles]))
 
     def choose(self, proposal: Proposal, results: Sequence[Outcome | None]) -> Winner | None:
         """Least predicted weighted delay plus a weight times J; the incumbent on the approach law if all are out."""
@@ -96,6 +121,9 @@ class DefaultProfile:
         option = options[best or 0]
         outcome = results[best] if best is not None else None
         speeds = outcome.speeds if outcome is not None else self._approach(proposal.problem, option)
+        if isinstance(outcome, HorizonOutcome):
+            row = {vehicle: k for k, vehicle in enumerate(proposal.vehicles)}
+            self._ended = Ended(proposal.cycle, row, outcome.end)
         bids = proposal.who.bids[max(option.weights, 0)]
         return Winner(option.weights, option.delay, option.order, option.slots, speeds, bids)
 

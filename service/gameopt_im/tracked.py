@@ -48,15 +48,15 @@ class Tracked:
         """
         return self.state.speed_mps**2 <= 2.0 * self.state.max_decel_mps2 * self.state.distance_m
 
-    @property
-    def body(self) -> tuple[str, float, float, str]:
-        """What a clearance is given for; it may not change while the vehicle holds one."""
-        return body_of(self.state)
 
-
-def body_of(state: State) -> tuple[str, float, float, str]:
-    """Movement, length, width and class."""
-    return state.movement, state.length_m, state.width_m, state.vehicle_class
+def same_body(one: State, other: State) -> bool:
+    """Movement, length, width and class: what a clearance is given for; they may not change while it is held."""
+    return (
+        one.length_m == other.length_m
+        and one.width_m == other.width_m
+        and one.movement == other.movement
+        and one.vehicle_class == other.vehicle_class
+    )
 
 
 def predict(vehicle: Tracked, time_s: float) -> tuple[float, float]:

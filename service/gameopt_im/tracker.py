@@ -24,7 +24,7 @@ from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.snapshot import Snapshot
 from gameopt_im.inbox import Raw
-from gameopt_im.tracked import Tracked, body_of, picture
+from gameopt_im.tracked import Tracked, picture, same_body
 from gameopt_wire import codec, keys
 from gameopt_wire.intersection import IntersectionMap
 from gameopt_wire.messages import STEP_S, Bid, Clock, State
@@ -116,7 +116,7 @@ class Tracker:
             return self._count("unknown_movement")
         last = known.state if known else self._gone.get(state.vehicle)
         reason = self._implausible(state, movement, now_s) or _outdated(last, state)
-        if reason is None and known and known.holds_clearance and known.body != body_of(state):
+        if reason is None and known and known.holds_clearance and not same_body(known.state, state):
             reason = "changed"
         if reason is None and known is None and len(self._vehicles) >= self._parameters.service.max_vehicles:
             reason = "overload"
@@ -196,7 +196,7 @@ class Tracker:
         return self._wrong_time(state.time_s, now_s)
 
     def _take(self, state: State, movement: int, known: Tracked | None, now_s: float) -> None:
-        if known is not None and known.body == body_of(state):
+        if known is not None and same_body(known.state, state):
             known.state, known.vanished = state, False
             return
         bounds = class_bounds(self._parameters.classes, state.vehicle_class)

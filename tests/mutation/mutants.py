@@ -254,8 +254,8 @@ MUTANTS = (
     Mutant(
         "an overflow bound that costs nothing",
         f"{CORE}/auction.py",
-        "(1.0 - alpha[count[:, -1]]) - cost.sum(axis=1)",
-        "(1.0 - alpha[count[:, -1]])",
+        "(1.0 - alpha[passed]) - cost.sum(axis=1)",
+        "(1.0 - alpha[passed])",
         f"{UNIT}/test_auction.py::test_a_blocked_bid_passes_a_share_of_its_bound_to_the_one_ahead",
     ),
     Mutant(
@@ -309,8 +309,8 @@ MUTANTS = (
     ),
     Mutant(
         "dispatch blind to how long ground is kept",
-        f"{CORE}/slots.py",
-        "- rules.hold_weight * hold(i, demand, line[i])",
+        f"{CORE}/dispatch.py",
+        "- rules.hold_weight * hold(car, course.exit_m[i], line[i])",
         "",
         f"{UNIT}/test_slots.py::test_a_turn_that_would_part_a_platoon_waits_for_what_it_costs",
     ),

@@ -35,10 +35,16 @@ def bisected(
 
 
 @given(
-    s=st.floats(0.1, 150.0), v=st.floats(0.0, 20.0), late=st.floats(0.0, 40.0),
-    d=st.sampled_from([1.0, 1.5, 2.25, 3.4]), a=st.floats(0.8, 2.5), top=st.floats(8.0, 20.0),
-    cap=st.floats(0.4, 1.0), b=st.floats(2.0, 3.0), share=st.floats(0.3, 1.0),
-)  # fmt: skip
+    s=st.floats(0.1, 150.0),
+    v=st.floats(0.0, 20.0),
+    late=st.floats(0.0, 40.0),
+    d=st.sampled_from([1.0, 1.5, 2.25, 3.4]),
+    a=st.floats(0.8, 2.5),
+    top=st.floats(8.0, 20.0),
+    cap=st.floats(0.4, 1.0),
+    b=st.floats(2.0, 3.0),
+    share=st.floats(0.3, 1.0),
+)
 @settings(max_examples=2000)
 def test_a_guess_only_saves_work(
     s: float, v: float, late: float, d: float, a: float, top: float, cap: float, b: float, share: float

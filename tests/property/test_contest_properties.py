@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gameopt_im.core import horizon
+from gameopt_im.core import duality, horizon
 from gameopt_im.core.horizon import HorizonRules, HorizonTask
 from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.core.planning import Stake
@@ -82,9 +82,9 @@ def test_no_solution_is_below_the_bound(made: list[HorizonJob], seed: int) -> No
         if outcome is None:
             continue
         bounds = horizon.bounds(job.task, RULES, job.slots)
-        for duals in (outcome.duals, random.normal(size=outcome.duals.shape)):
-            assert horizon.least_objective(job.task, RULES, bounds, duals, PLAY_MPS) <= outcome.objective + 1e-9
-        own = horizon.least_objective(job.task, RULES, bounds, outcome.duals, 0.0)
+        for duals in (outcome.end.duals, random.normal(size=outcome.end.duals.shape)):
+            assert duality.least_objective(job.task, RULES, bounds, duals, PLAY_MPS) <= outcome.objective + 1e-9
+        own = duality.least_objective(job.task, RULES, bounds, outcome.end.duals, 0.0)
         assert own == pytest.approx(outcome.objective, rel=5e-3, abs=0.5)
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -175,6 +177,23 @@ def test_what_the_decoder_accepts_is_finite_and_within_bounds(message: dict[str,
     assert 0.0 <= state.speed_mps <= 100.0
     assert 0.1 <= state.max_decel_mps2 <= 30.0
     assert 1 <= len(state.vehicle) <= 64
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_no_number_may_be_missing_or_endless(value: float) -> None:
+    whole = msgspec.to_builtins(WITNESS) | {
+        "leader_gap_m": 5.0,
+        "stranger": {"gap_m": 9.0, "speed_mps": 3.0, "decel_mps2": 4.0},
+    }
+    assert codec.STATE.decode(msgspec.msgpack.encode(whole)).stranger is not None
+    numbers_of = [(whole, name) for name, number in whole.items() if isinstance(number, float)]
+    numbers_of += [(whole["stranger"], name) for name in whole["stranger"]]
+    assert len(numbers_of) == 13
+    for part, name in numbers_of:
+        good, part[name] = part[name], value
+        with pytest.raises(codec.Rejected, match="out_of_range"):
+            codec.STATE.decode(msgspec.msgpack.encode(whole))
+        part[name] = good
 
 
 @given(

@@ -6,10 +6,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gameopt_im.core.dispatch import schedule
 from gameopt_im.core.kinematics import NEVER, approach, earliest_arrival, time_past_line
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.planning import rules_of
-from gameopt_im.core.slots import SETTLE_ROUNDS, Demand, Rules, course_of, schedule
+from gameopt_im.core.slots import SETTLE_ROUNDS, Demand, Rules, course_of
 from gameopt_im.core.snapshot import Floats, Ints
 from gameopt_wire import motion
 

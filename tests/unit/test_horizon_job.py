@@ -10,8 +10,8 @@ from gameopt_im.core import horizon
 from gameopt_im.core.horizon import HorizonRules, HorizonTask
 from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.solver import horizon_job
-from gameopt_im.solver.horizon_job import HorizonJob
-from gameopt_im.solver.jobs import Outcome, solve
+from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome
+from gameopt_im.solver.jobs import solve
 
 RULES = HorizonRules(blocks=(0.5, 0.5, 1.0), trade_off=0.7, rear_gap=2.0, manner=Manner((1.0, 3.4), 0.5, 0.9))
 TASK = HorizonTask(
@@ -22,9 +22,9 @@ TASK = HorizonTask(
 SLOTS = np.array([6.0, 9.0, 7.0])
 
 
-def solved(slots: np.ndarray) -> Outcome:
+def solved(slots: np.ndarray) -> HorizonOutcome:
     outcome = solve(HorizonJob(TASK, RULES, slots, 1e-3))
-    assert outcome is not None
+    assert isinstance(outcome, HorizonOutcome)
     return outcome
 
 
@@ -59,4 +59,20 @@ def test_what_was_solved_before_leaves_no_trace() -> None:
 def test_a_program_without_a_solution_is_remembered_as_such() -> None:
     qp, reference = horizon.build(TASK, RULES, SLOTS)[0]
     crossed = replace(qp, l=qp.u + 1.0)
-    assert horizon_job._lane(crossed, reference, 1e-3) is None
+    assert horizon_job._lane(crossed, reference, np.zeros(len(qp.l)), 1e-3) is None
+
+
+def test_a_start_near_the_end_leads_to_the_same_solution() -> None:
+    cold = solved(SLOTS)
+    warm = solve(HorizonJob(TASK, RULES, SLOTS, 1e-3, start=cold.end.carried_over(np.array([0, 1, 2]))))
+    assert warm is not None
+    np.testing.assert_allclose(warm.speeds, cold.speeds, atol=1e-2)
+    assert abs(warm.objective - cold.objective) < 0.1
+
+
+def test_newcomers_start_from_the_approach_law() -> None:
+    end = solved(SLOTS).end
+    start = end.carried_over(np.array([2, -1, 0]))
+    np.testing.assert_array_equal(start.u[[0, 2]], end.u[[2, 0]])
+    assert np.isnan(start.u[1]).all()
+    assert not start.duals[1].any()

@@ -8,9 +8,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from gameopt_im.core.dispatch import schedule
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.planning import INCUMBENT, Bidders, Candidate, candidates, rules_of, select
-from gameopt_im.core.slots import Demand, Rules, course_of, schedule
+from gameopt_im.core.slots import Demand, Rules, course_of
 
 STRAIGHT, LEFT = 0, 1
 BOX_M = 25.0

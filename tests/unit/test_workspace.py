@@ -61,7 +61,8 @@ def test_entries_off_the_diagonal_of_p_count_twice() -> None:
 def test_rows_of_any_length_give_the_same_solution_and_residual() -> None:
     long_rows = csc((2, 2), np.array([0, 1]), np.array([0, 1]), np.array([1e-2, 1e2]))
     qp = QP(diagonal(np.full(2, 2.0)), np.array([-6.0, -6.0]), long_rows, np.zeros(2), np.array([1e-2, 1e2]))
-    solution = solved(Workspace(unit_rows=True, rho=1.0), qp)
+    solution = Workspace(rho=1.0).solve(pattern(qp), qp, lengths=np.ones(2))
+    assert solution is not None
     np.testing.assert_allclose(solution.x, [1.0, 1.0], atol=1e-4)
     ax = np.array([1e-2, 1e2]) * solution.x
     assert solution.residual == pytest.approx(np.max(np.maximum(-ax, ax - qp.u), initial=0.0))
@@ -123,15 +124,18 @@ draws = st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 2)), min_size=1
 
 
 @settings(max_examples=60)
-@given(draws, st.integers(1, 3), st.booleans())
+@given(draws, st.integers(1, 3), st.booleans(), st.booleans())
 def test_results_are_the_same_bits_whatever_was_solved_before(
-    history: list[tuple[int, int]], capacity: int, unit_rows: bool
+    history: list[tuple[int, int]], capacity: int, scaled: bool, again: bool
 ) -> None:
-    lived = Workspace(rho=1.0, max_iter=400, residual_mps=1e-2, capacity=capacity, unit_rows=unit_rows)
+    lived = Workspace(rho=1.0, max_iter=400, residual_mps=1e-2, capacity=capacity)
+    lengths = np.linspace(0.5, 1.5, 9) if scaled else None
     for seed, kind in history:
         qp, start = drawn(seed, kind)
-        fresh = Workspace(rho=1.0, max_iter=400, residual_mps=1e-2, unit_rows=unit_rows)
-        assert bits(lived.solve(kind, qp, start)) == bits(fresh.solve(kind, qp, start))
+        duals = np.random.default_rng(seed).normal(size=9) if seed % 2 else None
+        expected = bits(Workspace(rho=1.0, max_iter=400, residual_mps=1e-2).solve(kind, qp, start, duals, lengths))
+        for program in (qp, replace(qp, q=qp.q + 0.0))[: 1 + again]:  # the second time its matrices are known
+            assert bits(lived.solve(kind, program, start, duals, lengths)) == expected
 
 
 def test_the_papers_program_has_no_memory_either() -> None:

@@ -10,12 +10,13 @@ import numpy as np
 
 from gameopt_im.core import auction, bids
 from gameopt_im.core.conflicts import Ground, groups
+from gameopt_im.core.dispatch import schedules
 from gameopt_im.core.horizon import HorizonRules, HorizonTask
 from gameopt_im.core.interlock import UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER, kernel, manner_of
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.reservations import Book, Stack, blocked_windows, crossing_time
-from gameopt_im.core.slots import Demand, Rules, schedules, weighted_delay
+from gameopt_im.core.slots import Demand, Rules, weighted_delay
 from gameopt_im.core.snapshot import Floats, Ints, Snapshot
 from gameopt_im.core.windows import time_at
 from gameopt_wire import motion

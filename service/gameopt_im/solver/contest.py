@@ -57,7 +57,7 @@ def _contenders(jobs: Sequence[HorizonJob], first: int, outcome: HorizonOutcome 
         return others
     cost = jobs[first].stake.cost(outcome.objective)
     limit = cost + ROUNDING * (1.0 + abs(cost))
-    return [k for k in others if jobs[k].stake.cost(0.0) <= limit and jobs[k].may_cost(outcome.duals) <= limit]
+    return [k for k in others if jobs[k].stake.cost(0.0) <= limit and jobs[k].may_cost(outcome.end.duals) <= limit]
 
 
 def pool_for(profile: Profile, workers: int) -> Pool[Any, Any]:

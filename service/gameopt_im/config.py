@@ -17,8 +17,6 @@ from gameopt_im.reference import allowed, reference
 
 __all__ = ["ConfigError", "load", "parse", "reference"]
 
-PLANNING_SURPLUS_S = 0.1
-"""Planned windows keep this much more apart than granted ones, or refusals cost capacity."""
 ROUNDING_S = 1e-9
 
 _PATH = re.compile(r" - at `\$\.?([^`]*)`$")
@@ -148,11 +146,10 @@ def _branches(value: Any, key: str) -> Iterator[tuple[str, Any]]:
 def _cross_check(parameters: Parameters) -> None:
     """What no single key can be held to."""
     planner, interlock, service = parameters.planner, parameters.interlock, parameters.service
-    least_s = interlock.margin_s + PLANNING_SURPLUS_S
+    least_s = interlock.margin_s
     if planner.margin_s < least_s - ROUNDING_S:
         raise _WrongError(
-            "planner.margin_s",
-            f"allowed: >= interlock.margin_s + {PLANNING_SURPLUS_S} = {least_s:g} s; given: {planner.margin_s!r}",
+            "planner.margin_s", f"allowed: >= interlock.margin_s = {least_s:g} s; given: {planner.margin_s!r}"
         )
     if service.stale_s > service.hold_s:
         raise _WrongError("service.stale_s", f"allowed: at most service.hold_s = {service.hold_s:g} s")

@@ -82,7 +82,7 @@ class Auction(Section, frozen=True, kw_only=True):
     ] = msgspec.field(default_factory=_weights)
     bid_seconds: Annotated[
         float, Meta(ge=0, le=120, description="seconds of slot that a master bid of 1 is worth (s)")
-    ] = 6.0
+    ] = 3.0
     waiting_multiplier: Annotated[
         float, Meta(ge=0, le=10, description="Carlino's multiplier: bids grow by this share per second (1/s)")
     ] = 0.0
@@ -99,8 +99,8 @@ class Planner(Section, frozen=True, kw_only=True):
 
     margin_s: Annotated[
         Seconds,
-        Meta(description="margin between windows when planning; keep >= interlock.margin_s + 0.1 (s)"),
-    ] = 0.25
+        Meta(description="margin between windows when planning; keep it above interlock.margin_s (s)"),
+    ] = 0.16
     headway_s: Annotated[Seconds, Meta(description="added to (length + 2 m) / speed between slots of one lane (s)")] = (
         0.1
     )
@@ -111,11 +111,11 @@ class Planner(Section, frozen=True, kw_only=True):
     ] = (1.0, 1.5, 2.25, 3.4)
     accel_share: Annotated[
         float, Meta(ge=0.1, le=1, description="share of its acceleration an approach counts on (1)")
-    ] = 0.8
+    ] = 1.0
     hold_weight: Annotated[
         float,
         Meta(ge=0, le=10, description="seconds of slot that keeping contested ground for a second costs (1)"),
-    ] = 0.75
+    ] = 0.3
     patience_s: Annotated[
         float,
         Meta(ge=0, le=600, description="time in the zone after which waiting begins to count (s)"),
@@ -130,7 +130,7 @@ class Planner(Section, frozen=True, kw_only=True):
     ] = 0.05
     line_share: Annotated[
         float, Meta(ge=0.3, le=1, description="share of the limit that a delayed vehicle aims for at its line (1)")
-    ] = 0.9
+    ] = 1.0
     min_cruise_mps: Annotated[
         float, Meta(ge=0.1, le=5, description="an approach slower than this stops instead (m/s)")
     ] = 0.5
@@ -175,7 +175,7 @@ class Interlock(Section, frozen=True, kw_only=True):
     ] = 1.0
     grant_ahead_s: Annotated[
         float, Meta(ge=0.5, le=30, description="clearances are asked for this long before the slot (s)")
-    ] = 5.0
+    ] = 6.0
     retries: Annotated[
         int, Meta(ge=0, le=20, description="times a refused profile aims later within one control cycle")
     ] = 4

@@ -54,9 +54,7 @@ class Manager:
         )
         self._tracker = Tracker(options.map, self._ground, options.parameters, options.clock, term)
         self._pool = pool
-        self._strategy: Strategy = (DefaultProfile if options.profile == "default" else PaperProfile)(
-            options, self._ground
-        )
+        self._strategy = self._fresh_strategy()
         self._book = Book()
         self._order: tuple[str, ...] = ()
         self._next_clearance = 1
@@ -65,9 +63,13 @@ class Manager:
         self._stage_started = 0.0
         self._stages: dict[str, float] = {}
 
+    def _fresh_strategy(self) -> Strategy:
+        return (DefaultProfile if self.options.profile == "default" else PaperProfile)(self.options, self._ground)
+
     def restart(self) -> None:
-        """Lock-step time began anew: forget every vehicle and clearance."""
+        """Lock-step time began anew: forget every vehicle and clearance, and how the last programs ended."""
         self._tracker.reset()
+        self._strategy = self._fresh_strategy()
         self._book, self._order, self._next_clearance = Book(), (), 1
         self._entered.clear()
         self._open.clear()

@@ -55,11 +55,16 @@ class Run:
         return self.out / (plain + "".join(f"-{name}{value:g}" for name, value, usual in special if value != usual))
 
     def report(self) -> dict[str, Any]:
-        """Its report, from disk or by running it."""
+        """Its report, from disk or by running it; one of a run that was interrupted does not count."""
         path = self.folder / "report.json"
-        if not path.exists():
+        if not (path.exists() and self._whole(path)):
+            path.unlink(missing_ok=True)
             self._run(path)
+            assert self._whole(path), f"{path} is the report of an interrupted run"
         return dict(json.loads(path.read_text()))
+
+    def _whole(self, path: Path) -> bool:
+        return bool(json.loads(path.read_text())["duration_s"] >= self.duration - 0.05)
 
     def _run(self, path: Path) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from gameopt_im import recorder
 from gameopt_im.manager import Manager, Outcome
-from gameopt_im.options import ServeOptions
+from gameopt_im.options import ServeOptions, StartError
 from gameopt_im.rehearsal import Rehearsal
 from gameopt_im.replay import options_of
 from gameopt_im.service import pool_of
@@ -112,6 +112,8 @@ async def _measured(name: str, options: ServeOptions, outcomes: Outcomes, cycles
             async for outcome in outcomes(Manager(options, 1, pool)):
                 reports.append(outcome.report)
                 progress.advance(task)
+    if len(reports) <= SETTLING_CYCLES:
+        raise StartError(f"{name}: {len(reports)} control cycles; allowed: more than {SETTLING_CYCLES}")
     reports = reports[SETTLING_CYCLES:]
     return Measured(
         traffic=name,

@@ -113,8 +113,8 @@ class Control:
             return None
         if body.past_line_m - body.length_m < self._movements[body.movement].clear_m:
             return None
-        stop = self._about.vehicles[body.vehicle].stop
-        ends = [stop[1]] if stop is not None and stop[0] == body.on_exit else []
+        stop_m = self._about.vehicles[body.vehicle].stop_m
+        ends = [] if stop_m is None else [stop_m]
         reach_m = self._places[body.on_exit].yields_m
         if reach_m is not None and len(readings.route_ahead(body.vehicle)) >= 2:
             ends.append(reach_m)

@@ -69,8 +69,10 @@ class Vehicle:
     max_decel_mps2: float
     lane: str = ""
     movement: int | None = None
-    stop: tuple[str, float] | None = None
-    """The lane and position of its next planned stop, as far as it is on the way over this junction."""
+    halts: bool = False
+    """It has planned a stop on its way to the line."""
+    stop_m: float | None = None
+    """Where it has planned to stop on the exit lane that it is on."""
     controlled: bool = False
     released: bool = False
 

@@ -53,10 +53,16 @@ class Whereabouts:
             return self._exit_body(known, lane, position_m)
         past_line_m = place.offset_m + position_m
         shared = self._shared(place.lane, past_line_m, known.length_m)
-        halts = self._halts(known)
-        wants = self._wants(known, lane, position_m) if known.movement is None and not halts else ()
+        wants = self._wants(known, lane, position_m) if known.movement is None and not known.halts else ()
         return Body(
-            vehicle, known.movement, place.lane, past_line_m, known.length_m, shared=shared, wants=wants, halts=halts
+            vehicle,
+            known.movement,
+            place.lane,
+            past_line_m,
+            known.length_m,
+            shared=shared,
+            wants=wants,
+            halts=known.halts,
         )
 
     def _upstream_body(self, vehicle: str, lane: str, place: Place, position_m: float) -> Body | None:
@@ -74,10 +80,16 @@ class Whereabouts:
         along = any_lane if bound_for is None else bound_for
         past_line_m = place.offsets_m[along] + position_m
         shared = self._shared(along, past_line_m, known.length_m)
-        halts = self._halts(known)
-        wants = self._wants(known, lane, position_m) if known.movement is None and not halts else ()
+        wants = self._wants(known, lane, position_m) if known.movement is None and not known.halts else ()
         return Body(
-            vehicle, known.movement, bound_for, past_line_m, known.length_m, shared=shared, wants=wants, halts=halts
+            vehicle,
+            known.movement,
+            bound_for,
+            past_line_m,
+            known.length_m,
+            shared=shared,
+            wants=wants,
+            halts=known.halts,
         )
 
     def _exit_body(self, known: Vehicle, lane: str, position_m: float) -> Body:
@@ -104,8 +116,10 @@ class Whereabouts:
             known = self.vehicles[vehicle] = readings.read_vehicle(vehicle)
         place = self._layout.places[lane]
         if known.lane != lane or (known.movement is None and place.kind != "exit"):
-            known.lane, known.stop = lane, readings.next_stop(vehicle)
-            if self._halts(known):
+            known.lane, known.halts = lane, self._halts(vehicle, place)
+            stop = readings.next_stop(vehicle)
+            known.stop_m = stop[1] if stop is not None and stop[0] == lane and place.kind == "exit" else None
+            if known.halts:
                 known.movement = None  # SUMO's driver makes the stop, and is in charge until it goes on
             elif place.kind == "approach":
                 known.movement = self._movement_ahead(vehicle, lane)
@@ -115,10 +129,17 @@ class Whereabouts:
                 known.movement = place.movement
         return known
 
-    def _halts(self, known: Vehicle) -> bool:
-        """Whether it has planned a stop on its way to the line."""
-        place = None if known.stop is None else self._layout.places.get(known.stop[0])
-        return place is not None and place.kind in ("approach", "upstream")
+    def _halts(self, vehicle: str, place: Place) -> bool:
+        """Whether a vehicle has planned a stop on its way to the line: on its route up to the approach it takes."""
+        stop = readings.next_stop(vehicle) if place.kind in ("approach", "upstream") else None
+        if stop is None:
+            return False
+        for edge in readings.route_ahead(vehicle):
+            if edge == edge_of(stop[0]):
+                return True
+            if any(beside.kind == "approach" for _, beside in self._of_edge.get(edge, ())):
+                return False
+        return False
 
     def _movement_ahead(self, vehicle: str, lane: str) -> int | None:
         """The movement that this lane offers towards the vehicle's next edge; None on a wrong lane."""

@@ -107,8 +107,8 @@ MUTANTS = (
     Mutant(
         "ground freed on the asking",
         f"{CORE}/decision.py",
-        "elif reservation.withdrawn and int(snapshot.accepted[i]) == NONE:",
-        "elif reservation.withdrawn:",
+        "elif int(snapshot.accepted[i]) == NONE and (reservation.withdrawn or able[i]):",
+        "elif reservation.withdrawn or able[i]:",
         f"{UNIT}/test_decision.py::test_a_clearance_asked_back_is_free_once_its_vehicle_says_so",
     ),
     Mutant(

@@ -81,11 +81,27 @@ def test_who_is_lost_and_who_intruded_hold_nothing() -> None:
 
 def test_a_clearance_asked_back_is_free_once_its_vehicle_says_so() -> None:
     book = offered(accepted=True)
-    assert settled(book, accepted=[-1]) == Settled((), (), (), ())  # nobody has asked
     book.withdraw("a")
-    assert settled(book, accepted=[7]) == Settled((), (), (), ())
-    assert names(settled(book, accepted=[-1]).returned) == ["a"]
+    assert settled(book, accepted=[7], s=[5.0]) == Settled((), (), (), ())
+    assert names(settled(book, accepted=[-1], s=[5.0]).returned) == ["a"]
     assert not book.held
+
+
+def test_nobody_holds_ground_it_says_it_has_no_clearance_for() -> None:
+    """The manager may have stopped asking before a late command made the vehicle drop it."""
+    assert settled(offered(accepted=True), accepted=[-1], s=[5.0]) == Settled((), (), (), ())  # it cannot stop
+    assert names(settled(offered(accepted=True), accepted=[-1], s=[40.0]).returned) == ["a"]
+
+
+def test_a_clearance_ends_with_its_arrays_and_the_ground_is_held_anew() -> None:
+    """A vehicle broken down in the zone: nobody knows when it will have left."""
+    late = HORIZON - 2
+    for cycle, kept in ((late - 1, True), (late, False)):
+        cars = snapshot(s=[-10.0], v=[0.0], accepted=[7], cycle=cycle, time_s=0.1 * cycle)
+        book = offered(accepted=True)
+        assert (names(decision.settle(book, cars, GROUND).lapsed) == ["a"]) is not kept
+        picture_of(cars, book)
+        assert (book.held["a"].clearance == 7) is kept
 
 
 def concluded(cars: Snapshot, book: Book) -> Floats:

@@ -5,8 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from builders import ACROSS, GROUND, OTHER, limits_of, picture_of, snapshot
 
+from gameopt_im.core import interlock
+from gameopt_im.core.granting import grant
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.reservations import Book, Reservation
 from gameopt_im.core.snapshot import Snapshot
@@ -82,6 +85,44 @@ def test_whoever_follows_it_in_its_lane_gives_way_too() -> None:
     cars = snapshot(s=[40.0, 43.0, 60.0], movement=[ACROSS, OTHER, OTHER], accepted=[1, 1, 1])
     book.add(held("c", OTHER, -60.0))
     assert asked(cars, book) == ["b", "c"]
+
+
+def test_but_not_one_who_cannot_stop() -> None:
+    cars = snapshot(s=[40.0, 43.0, 44.0], v=[10.0, 10.0, 20.0], movement=[ACROSS, OTHER, OTHER], accepted=[1, 1, 1])
+    book = book_of(held("a", ACROSS, -40.0), held("b", OTHER, -43.0), held("c", OTHER, -44.0))
+    assert asked(cars, book) == ["b"]
+
+
+def test_nobody_is_cleared_behind_one_that_is_asked() -> None:
+    cars, book = snapshot(s=[40.0, 60.0], accepted=[1, -1]), book_of(held("a", ACROSS, -40.0))
+    for withdrawn in (False, True):
+        book.withdraw("a", withdrawn)
+        picture = picture_of(cars, book)
+        given = grant(
+            cars, GROUND, book, picture.limits, picture.scene, np.array([1]), np.array([0.0, 9.0]),
+            np.array([False, True]), PARAMETERS, 2,
+        ).given  # fmt: skip
+        assert (not given) is withdrawn
+        if given:
+            book.free("b")
+
+
+def test_one_that_is_asked_may_stand_at_the_line_at_worst() -> None:
+    """It has not been heard since."""
+    cars = snapshot(s=[10.0], heard_s=[30.0], age=[2.0], accepted=[1], cycle=20)
+    book = book_of(held("a", ACROSS, -30.0))
+    for withdrawn, x in ((False, -10.0), (True, -30.0 + 10.0 * 2.0 - 0.5 * 4.5 * 2.0**2)):
+        book.withdraw("a", withdrawn)
+        phase = interlock.phases(cars, GROUND, book)
+        assert interlock.at_worst(cars, GROUND, book, phase, PARAMETERS.exit)[0] == pytest.approx([x])
+
+
+def test_a_worst_case_is_brought_up_to_date_where_rule_2_cannot_be_kept_any_more() -> None:
+    """The follower has slipped into its leader's braking distance: it will come late, and its window must say so."""
+    cars = snapshot(s=[30.0, 36.5], v=[4.0, 12.0], accepted=[1, 1])
+    book = book_of(held("a", ACROSS, -30.0, 4.0), held("b", ACROSS, -36.5, 12.0))
+    picture_of(cars, book)
+    assert book.held["b"].late_x[20] < -36.5 + 12.0 * 2.0 - 5.0
 
 
 def test_whoever_could_not_stop_any_more_keeps_its_clearance_for_good() -> None:

@@ -33,6 +33,8 @@ BID_REPEAT_S = 1.0
 NEWCOMER_S = 0.5
 """A vehicle that has just appeared does not count as abandoned before this."""
 HISTORY_STEPS = 30
+UNTRACKED = 6.0
+"""No tracking error is this many sigma."""
 SAME_TIME_S = 0.5 * STEP_S
 """Times closer than this are the same step."""
 
@@ -154,6 +156,8 @@ class Agent:
             speed = self._commanded(seen, time_s)
         if self._random is None:
             return driving.within_capabilities(seen, speed)
+        if abs(self._aim_mps - seen.speed_mps) > UNTRACKED * self._noise_mps:
+            self._aim_mps = seen.speed_mps  # somebody else has driven
         # An error is one around the speed aimed at: it does not add up from step to step, as a weaker brake would.
         self._aim_mps = driving.within_capabilities(seen, speed, self._aim_mps)
         if self._aim_mps <= 0.0:

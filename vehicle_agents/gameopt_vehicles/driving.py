@@ -76,7 +76,7 @@ def safe_limit(seen: Observation, *, setback_m: float, may_cross: bool) -> float
 
 def can_stop(seen: Observation, setback_m: float) -> bool:
     """Whether rule 1 can still be kept: the vehicle comes to a stand before the line."""
-    room_m, slowest = seen.distance_m - setback_m, seen.speed_mps - seen.max_decel_mps2 * STEP_S
+    room_m, slowest = seen.distance_m - setback_m, max(0.0, seen.speed_mps - seen.max_decel_mps2 * STEP_S)
     return motion.stop_speed(room_m, seen.speed_mps, seen.max_decel_mps2, STEP_S) >= slowest
 
 

@@ -20,6 +20,7 @@ from gameopt_im.core.planning import Bidders
 from gameopt_im.core.reservations import Book, Reservation, crossing_time
 from gameopt_im.core.scene import scene_of
 from gameopt_im.core.snapshot import NONE, Floats, Ints, Snapshot
+from gameopt_im.core.windows import HORIZON
 from gameopt_im.core.withdrawal import withdraw
 from gameopt_im.core.worst_cases import refresh
 from gameopt_wire import motion
@@ -40,8 +41,11 @@ def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
     """Bring the book up to date with what the vehicles say.
 
     An offer lapses when a state from after its expiry does not name it. A vehicle that says nothing keeps its
-    ground until it is heard again or given up as lost: it may have taken the offer.
+    ground until it is heard again or given up as lost: it may have taken the offer. An accepted clearance is returned
+    by a vehicle that no longer names it and can stop; it lapses where its arrays end, for what its vehicle will do then
+    is no longer known: the ground is held anew for whoever stands on it.
     """
+    able = interlock.can_stop(snapshot, ground)
     place = {vehicle: i for i, vehicle in enumerate(snapshot.ids)}
     accepted, lapsed, left, returned = [], [], [], []
     for vehicle, reservation in list(book.held.items()):
@@ -57,8 +61,10 @@ def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
             through = x - reservation.length >= ground.clear[reservation.movement]
             if through and x >= ground.length[reservation.movement]:
                 left.append(book.free(vehicle))
-            elif reservation.withdrawn and int(snapshot.accepted[i]) == NONE:
+            elif int(snapshot.accepted[i]) == NONE and (reservation.withdrawn or able[i]):
                 returned.append(book.free(vehicle))
+            elif reservation.step(snapshot.cycle) >= HORIZON - 2 and snapshot.age[i] <= 0.0:
+                lapsed.append(book.free(vehicle))
         elif snapshot.time_s - float(snapshot.age[i]) > reservation.expires_s + 1e-6:
             lapsed.append(book.free(vehicle))
     return Settled(tuple(accepted), tuple(lapsed), tuple(left), tuple(returned))
@@ -84,13 +90,13 @@ def picture(snapshot: Snapshot, ground: Ground, book: Book, parameters: Paramete
             book.add(intrusion)
             scene.way[i] = book.row[intrusion.vehicle]
     withdrawn = withdraw(snapshot, ground, book, limits, parameters.interlock)
-    return Picture(_held_up(snapshot, ground, book, limits), scene, strayed, withdrawn)
+    return Picture(_held_up(snapshot, ground, book, limits, scene), scene, strayed, withdrawn)
 
 
-def _held_up(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits) -> Limits:
+def _held_up(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, scene: Scene) -> Limits:
     """Rule 1 for those, too, whose clearance is asked back: the speed to drive by once they have dropped it."""
-    held = [book.held.get(vehicle) for vehicle in snapshot.ids]
-    asked = np.array([each is not None and each.withdrawn for each in held], dtype=np.bool_)
+    asked = book.asked(snapshot.ids)
+    scene.asked[:] = asked
     if not asked.any():
         return limits
     return replace(limits, stop=interlock.stop_limits(snapshot, ground, asked | (limits.phase == UNCLEARED)))

@@ -69,14 +69,14 @@ def grant(
 
 
 def _leader_cleared(snapshot: Snapshot, book: Book, limits: Limits, i: int) -> bool:
-    """Whether the next vehicle ahead in the lane has taken its clearance, or has passed."""
+    """Whether the next vehicle ahead in the lane has taken its clearance, and may keep it, or has passed."""
     j = int(limits.leader[i])
     if j < 0:
         return True
     if limits.phase[j] == UNCLEARED:
         return False
     reservation = book.held.get(snapshot.ids[j])
-    return reservation is None or reservation.accepted
+    return reservation is None or (reservation.accepted and not reservation.withdrawn)
 
 
 def crossing(

@@ -30,9 +30,10 @@ class Limits:
     """What the interlock allows each of n vehicles for the next step, m/s.
 
     `stop` is rule 1, `follow` rule 2 (with the exit law for exiting vehicles), `turn` rule 3, `top` and `floor` what
-    the vehicle can reach, or may have reached since it was last heard. `leader` is the index of the next vehicle
-    ahead on its lane, `leaders` (n, R) those of the next on each movement of that lane, `downstream` that of the next
-    on its exit lane, -1 for none. `unheard` marks who sees somebody ahead that the manager does not know of.
+    the vehicle can reach, or may have reached since it was last heard; on a clearance the way up is its own to mind.
+    `leader` is the index of the next vehicle ahead on its lane, `leaders` (n, R) those of the next on each movement of
+    that lane, `downstream` that of the next on its exit lane, -1 for none. `unheard` marks who sees somebody ahead that
+    the manager does not know of.
     """
 
     phase: Ints
@@ -147,13 +148,14 @@ def at_worst(snapshot: Snapshot, ground: Ground, book: Book, phase: Ints, limits
     """(x, v) of each vehicle, as far back and as slow as it may be: what a follower has to reckon with.
 
     Who was heard just now is where it said. One on a clearance is in the worst case of its profile, for which its
-    ground is held; one past the conflict zone has slowed as the exit law may make it; any other has braked fully.
+    ground is held, unless that is asked back; one past the conflict zone has slowed as the exit law may make it; any
+    other has braked fully.
     """
     x, v = -snapshot.s, snapshot.v.copy()
     for i in np.flatnonzero(snapshot.age > 0.0):
         reservation = book.held.get(snapshot.ids[i])
         heard_x, heard_v, age = -float(snapshot.heard_s[i]), float(snapshot.heard_v[i]), float(snapshot.age[i])
-        if phase[i] == CLEARED and reservation is not None:
+        if phase[i] == CLEARED and reservation is not None and not reservation.withdrawn:
             k = reservation.step(snapshot.cycle)
             x[i], v[i] = max(heard_x, float(reservation.late_x[k])), float(reservation.late_v[k])
         elif phase[i] == EXITING:

@@ -30,7 +30,7 @@ class Scene(NamedTuple):
     how long a vehicle is to those behind it in its lane; `leaders` (n, R) and `downstream` as in `Limits`, `apart`
     (M, M) as in `Ground`. `floor` and `sight` are the lowest speed of the exit law and where sight ends on the exit
     lane, `decel` is the law's deceleration. `way` is the row of a vehicle's reservation or exit way, LOOSE for none;
-    `exiting` marks the latter. `cycle` is the control cycle.
+    `exiting` marks the latter, `asked` those whose clearance is asked back. `cycle` is the control cycle.
     """
 
     cycle: int
@@ -58,6 +58,7 @@ class Scene(NamedTuple):
     apart: Floats
     way: Ints
     exiting: Bools
+    asked: Bools
 
 
 class Ways(NamedTuple):
@@ -170,6 +171,8 @@ def ahead_of(i: int, scene: Scene) -> Ahead:
     for j in scene.leaders[i]:
         if j >= 0:
             _place(m, j, scene, ahead)
+            if scene.asked[j]:
+                ahead.row[m] = LOOSE  # it may wait at the line instead
             number[m, BACK] = scene.span[j] + motion.REAR_GAP_M
             number[m, UNTIL] = scene.length[j] + scene.apart[scene.movement[i], scene.movement[j]]
             m += 1

@@ -115,15 +115,15 @@ def held_back(
     The vehicle keeps to its profile's speeds v as far as rule 2 lets it. Once its rear is clear it may slow down to
     open its headway, and have to stop where the sight on its exit ends: `law` = (deceleration and lowest speed of the
     exit law, end of sight). body = (length, acceleration, deceleration).
-    Returns the step at which the rear is clear, -1 if it never is or rule 2 cannot be kept.
+    Returns the step at which the rear is clear, -1 if it never is, or if rule 2 asks for more than the brakes can do;
+    the ways are filled in all the same.
     """
     length, a, b = body
     late_x[first], late_v[first] = x0, v0
-    done = first if x0 - length >= clear else -1
+    done, kept = first if x0 - length >= clear else -1, True
     for k in range(first, v.shape[0] - 1):
         rule, possible = follow(late_x[k], late_v[k], b, k - first, True, cycle, ahead, ways)
-        if done < 0 and not possible:
-            return -1
+        kept = kept and (possible or done >= 0)
         u = min(v[k + 1], late_v[k] + a * STEP_S)
         if done >= 0:
             u = min(late_v[k], max(law[1], late_v[k] - law[0] * STEP_S))
@@ -136,4 +136,4 @@ def held_back(
         late_x[k + 1] = late_x[k] + 0.5 * STEP_S * (late_v[k] + u)
         if done < 0 and late_x[k + 1] - length >= clear:
             done = k + 1
-    return done
+    return done if kept else -1

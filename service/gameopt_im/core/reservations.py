@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from gameopt_im.core.kinematics import kernel
-from gameopt_im.core.snapshot import Floats, Ints
+from gameopt_im.core.snapshot import Bools, Floats, Ints
 from gameopt_im.core.windows import HORIZON, occupancy, overlap
 from gameopt_wire.messages import STEP_S
 
@@ -124,6 +125,11 @@ class Book:
     def withdraw(self, vehicle: str, withdrawn: bool = True) -> None:
         """Ask for the clearance back, or no longer; the ground is held until the vehicle has said that it drops it."""
         self.held[vehicle] = replace(self.held[vehicle], withdrawn=withdrawn)
+
+    def asked(self, vehicles: Sequence[str]) -> Bools:
+        """(n,): whose clearance is asked back."""
+        held = [self.held.get(vehicle) for vehicle in vehicles]
+        return np.array([each is not None and each.withdrawn for each in held], dtype=np.bool_)
 
     def price(self, vehicle: str, price: float, bid: float) -> None:
         """What the clearance costs when it is taken, and the bid it was won with."""

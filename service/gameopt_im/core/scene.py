@@ -54,6 +54,7 @@ def scene_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, law
         apart=ground.apart,
         way=np.array([book.row.get(vehicle, LOOSE) for vehicle in snapshot.ids], dtype=np.int64),
         exiting=np.zeros(len(snapshot), dtype=np.bool_),
+        asked=book.asked(snapshot.ids),
     )
     drive_exits(exiting, scene, ways_of(book.rows))
     return scene

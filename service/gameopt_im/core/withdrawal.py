@@ -38,19 +38,21 @@ def withdraw(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, int
             if reservation.withdrawn or (reservation.clearance and able[place[vehicle]]):
                 asked.add(vehicle)
                 break
-    asked |= _stuck(snapshot, place, book, limits, asked)
+    asked |= _stuck(snapshot, place, able, book, limits, asked)
     fresh = sorted(vehicle for vehicle in asked if not book.held[vehicle].withdrawn)
     for vehicle in fresh:
         book.withdraw(vehicle)
     return tuple(fresh)
 
 
-def _stuck(snapshot: Snapshot, place: dict[str, int], book: Book, limits: Limits, asked: set[str]) -> set[str]:
-    """Cleared vehicles behind one that will wait at the line, front to back."""
+def _stuck(
+    snapshot: Snapshot, place: dict[str, int], able: Bools, book: Book, limits: Limits, asked: set[str]
+) -> set[str]:
+    """Cleared vehicles behind one that will wait at the line, and who can wait too, front to back."""
     stuck: set[str] = set()
     for vehicle in sorted(book.held, key=lambda each: float(snapshot.s[place[each]])):
         j = int(limits.leader[place[vehicle]])
-        if not book.held[vehicle].clearance or j < 0:
+        if not book.held[vehicle].clearance or j < 0 or not able[place[vehicle]]:
             continue
         leader = snapshot.ids[j]
         ahead = book.held.get(leader)

@@ -41,15 +41,14 @@ def bring_up_to_date(order: Ints, scene: Scene, rows: Rows) -> Bools:
         i = order[n]
         row = scene.way[i]
         k = index_of_now(row, scene.cycle, rows.start, steps)
-        if not scene.fresh[i] or k >= steps - 2:
+        if not scene.fresh[i] or scene.exiting[i] or k >= steps - 2:
             continue
         x = scene.x[i]
         strayed[n] = not rows.late_x[row, k] - OFF_PROFILE_M <= x <= rows.x[row, k] + OFF_PROFILE_M
-        done = held_back(
+        held_back(
             x, scene.v[i], rows.v[row], k, (rows.length[row], scene.a[i], rows.b[row]), scene.clear[i],
             law_of(i, scene), scene.cycle, ahead_of(i, scene), ways, late_x, late_v,
         )  # fmt: skip
-        if done >= 0:
-            rows.late_x[row, k:] = late_x[k:]
-            rows.late_v[row, k:] = late_v[k:]
+        rows.late_x[row, k:] = late_x[k:]
+        rows.late_v[row, k:] = late_v[k:]
     return strayed

@@ -163,8 +163,8 @@ MUTANTS = (
     Mutant(
         "worst cases improved without news",
         f"{CORE}/worst_cases.py",
-        "if not scene.fresh[i] or k",
-        "if k",
+        "if not scene.fresh[i] or scene.exiting[i] or k",
+        "if scene.exiting[i] or k",
         f"{UNIT}/test_silence.py::test_a_worst_case_is_brought_up_to_date_only_from_fresh_states",
     ),
     Mutant(

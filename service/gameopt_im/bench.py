@@ -137,12 +137,16 @@ def _stages(reports: Sequence[CycleReport]) -> dict[str, dict[str, float]]:
 
 
 def table(results: Results) -> Table:
-    """The results to read: p50 / p99 / p99.9 / max in ms."""
-    shown = Table(title=f"ms a control cycle, {' / '.join(PERCENTILES)}; {results.workers} solver workers")
+    """The results to read, a line a stage."""
+    shown = Table(title=f"ms a control cycle, {results.workers} solver workers")
+    shown.add_column("traffic")
     shown.add_column("stage")
+    for name in PERCENTILES:
+        shown.add_column(name, justify="right")
     for each in results.measured:
-        shown.add_column(f"{each.traffic}\n{each.uncleared:.0f} of {each.vehicles:.0f} uncleared", justify="right")
-    for stage in results.measured[0].stages_ms:
-        cells = (each.stages_ms[stage] for each in results.measured)
-        shown.add_row(stage, *(" / ".join(f"{cell[name]:.2f}" for name in PERCENTILES) for cell in cells))
+        title = f"{each.traffic}, {each.uncleared:.0f} of {each.vehicles:.0f} uncleared"
+        for stage, figures in each.stages_ms.items():
+            shown.add_row(title, stage, *(f"{figures[name]:.2f}" for name in PERCENTILES))
+            title = ""
+        shown.add_section()
     return shown

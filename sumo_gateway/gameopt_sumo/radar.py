@@ -14,6 +14,8 @@ from gameopt_wire.intersection import IntersectionMap
 
 APART_M = 2.8
 """Where centre lines out of one lane are this far apart, bodies no longer follow each other."""
+LET_IN_M = 1.0
+"""Who wants in seems this much longer: SUMO's driver changes lanes only where it finds its own minimum gap."""
 _STEP_M = 0.25
 
 
@@ -99,7 +101,7 @@ class Radar:
             rear_m = other.past_line_m - other.length_m
             if other.beside:
                 if rear_m >= body.past_line_m:
-                    candidates.append((other.vehicle, rear_m - body.past_line_m))
+                    candidates.append((other.vehicle, rear_m - body.past_line_m - LET_IN_M))
                 continue
             same = other.past_line_m <= 0.0 or other.movement == body.movement
             if same or rear_m < self._apart_m.get((body.movement, other.movement), 0.0):

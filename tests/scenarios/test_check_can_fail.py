@@ -67,6 +67,6 @@ def test_the_programs_are_no_decoration(runs: Runs) -> None:
     """At 6,000 veh/h at least 5 % of the uncleared commands would differ on the programs' upper bounds."""
     found = runs["usual"].result()
     assert found["safety"]["collisions_sumo"] == collisions(found) == 0
-    assert found["solved"] > 1000
+    assert found["solved"] > 400  # mostly one a control cycle: what cannot win is not solved
     assert found["uncleared_commands"] > 1000
     assert found["changed_commands"] / found["uncleared_commands"] >= 0.05

@@ -35,8 +35,8 @@ def with_stops(config: Path, in_m: float, out_m: float) -> Path:
 def test_nobody_collides_with_those_who_stop(tmp_path: Path, in_m: float) -> None:
     """Just inside the control zone, and 14 m before the line; on the exits 90 m past the conflict zone."""
     config = write_four_arm(FourArm(flow_veh_h=3_600.0, seed=5, duration_s=100.0), tmp_path)
-    found = in_a_process(sumocfg=str(with_stops(config, in_m, 90.0)), duration_s=100.0)
+    found = in_a_process(sumocfg=str(with_stops(config, in_m, 90.0)), duration_s=130.0)
     vehicles, safety = found["vehicles"], found["safety"]
     assert safety["collisions_sumo"] == safety["collisions_geometric"] == safety["teleports"] == 0
     assert found["standing"] == []
-    assert vehicles["crossed"] > 0.8 * vehicles["entered"]
+    assert vehicles["crossed"] > 0.95 * vehicles["entered"]  # also those who changed lanes to pass one, and back

@@ -11,7 +11,7 @@ from sites import site
 
 from gameopt_sumo.layout import Layout
 from gameopt_sumo.network import read_layout
-from gameopt_sumo.radar import Body, Radar
+from gameopt_sumo.radar import LET_IN_M, Body, Radar
 from gameopt_sumo.upstream import SLOWEST_MPS, entry_speed_mps
 
 
@@ -108,5 +108,5 @@ def test_whoever_has_to_change_lanes_is_let_in_from_behind_but_not_from_beside(f
     lost = Body("lost", None, lanes.index("west_in_0"), -20.0, 5.0, wants=((left, -20.0),))
     for past_line_m, leads in ((-40.0, True), (-24.0, False), (-10.0, False)):
         found = Radar(fan.map).leaders([lost, coming(fan, "other", "west_in_2", past_line_m)])
-        assert (found.get("other") == ("lost", pytest.approx(-25.0 - past_line_m))) == leads
+        assert (found.get("other") == ("lost", pytest.approx(-25.0 - LET_IN_M - past_line_m))) == leads
         assert "lost" not in found

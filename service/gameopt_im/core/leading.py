@@ -17,8 +17,6 @@ from gameopt_im.core.snapshot import Bools, Floats, Ints
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
 
-UNCLEARED = 0
-"""As in `interlock`: a phase that leads nobody on an exit lane."""
 LOOSE = -1
 """In place of a row: nothing is known of where this leader goes."""
 
@@ -29,7 +27,8 @@ class Scene(NamedTuple):
     `bound` is the exit lane, `path` the length of the way over the zone, `clear` where the rear stands clear, `span`
     how long a vehicle is to those behind it in its lane; `leaders` (n, R) and `downstream` as in `Limits`, `apart`
     (M, M) as in `Ground`. `floor` and `sight` are the lowest speed of the exit law and where sight ends on the exit
-    lane, `decel` is the law's deceleration. `way` is the row of a vehicle's reservation or exit way, LOOSE for none;
+    lane, `decel` is the law's deceleration. `uncleared` ones lead nobody on an exit lane.
+    `way` is the row of a vehicle's reservation or exit way, LOOSE for none;
     `exiting` marks the latter, `asked` those whose clearance is asked back. `cycle` is the control cycle.
     """
 
@@ -40,7 +39,7 @@ class Scene(NamedTuple):
     a: Floats
     b: Floats
     fresh: Bools
-    phase: Ints
+    uncleared: Bools
     movement: Ints
     lane: Ints
     bound: Ints
@@ -158,7 +157,7 @@ def ahead_of(i: int, scene: Scene) -> Ahead:
     ahead = nobody(scene.x.shape[0] + scene.leaders.shape[1] + 1)
     number, m = ahead.number, 0
     for j in range(scene.x.shape[0]):
-        if scene.lane[j] == scene.lane[i] or scene.bound[j] != scene.bound[i] or scene.phase[j] == UNCLEARED:
+        if scene.lane[j] == scene.lane[i] or scene.bound[j] != scene.bound[i] or scene.uncleared[j]:
             continue
         _place(m, j, scene, ahead)
         number[m, SHIFT] = scene.path[i] - scene.path[j]

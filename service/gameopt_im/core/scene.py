@@ -6,7 +6,7 @@ import numpy as np
 
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.diverging import spans
-from gameopt_im.core.interlock import EXITING, Limits
+from gameopt_im.core.interlock import EXITING, UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER, kernel
 from gameopt_im.core.leading import LOOSE, Scene, Ways, ahead_on_exit, ways_of
 from gameopt_im.core.parameters import Exit
@@ -36,7 +36,7 @@ def scene_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, law
         a=snapshot.a_max,
         b=snapshot.b_max,
         fresh=snapshot.age <= 0.0,
-        phase=limits.phase,
+        uncleared=limits.phase == UNCLEARED,
         movement=movement,
         lane=snapshot.lane,
         bound=ground.exit_lane[movement],

@@ -1,10 +1,12 @@
-"""One vehicle as the manager knows it, and the snapshot of many: pure functions of what was last heard."""
+"""One vehicle as the manager knows it, and many as arrays: pure functions of what was last heard."""
 
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,17 +14,52 @@ from gameopt_im.core.bids import Priority
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.kinematics import NEVER
 from gameopt_im.core.parameters import VehicleClass
-from gameopt_im.core.snapshot import FOREIGN, NONE, Snapshot
+from gameopt_im.core.snapshot import FOREIGN, NONE, Bools, Floats, Ints, Snapshot
 from gameopt_wire.messages import STEP_S, State
 from gameopt_wire.motion import STOP_OFFSET_M
+
+
+class Heard(NamedTuple):
+    """What is known of n vehicles as numbers, by the names of `Snapshot`; `time` is that of their states."""
+
+    time: Floats
+    s: Floats
+    v: Floats
+    length: Floats
+    a_max: Floats
+    b_max: Floats
+    v_max: Floats
+    gap: Floats
+    stranger_x: Floats
+    stranger_v: Floats
+    stranger_b: Floats
+    entered: Floats
+    setback: Floats
+    assertiveness: Floats
+    speed_priority: Floats
+    variation_priority: Floats
+    movement: Ints
+    footprint: Ints
+    accepted: Ints
+    fallback: Ints
+    vanished: Ints
+
+    def only(self, kept: Bools) -> Heard:
+        """Those of the vehicles that are kept."""
+        return Heard._make(column[kept] for column in self)
+
+
+REALS = Heard._fields.index("movement")
+_PACK = struct.Struct(f"={REALS}d{len(Heard._fields) - REALS}q").pack
 
 
 @dataclass(slots=True)
 class Tracked:
     """A vehicle's latest state, and what was looked up once for it.
 
-    `setback_m` is how far short of the line it keeps while it waits. `reserved` says that the manager's own books
-    have a clearance for it, `vanished` that its liveliness token has gone since its last state.
+    `setback_m` is how far short of the line it keeps while it waits. `vanished` says that its liveliness token has
+    gone since its last state. `record` is all that as a row of `Heard`, made when a message comes, so that a control
+    cycle only has to join them; `note` renews it after a change.
     """
 
     state: State
@@ -32,21 +69,22 @@ class Tracked:
     bounds: VehicleClass
     priority: Priority
     setback_m: float = 0.0
-    reserved: bool = False
     vanished: bool = False
+    record: bytes = b""
 
-    @property
-    def holds_clearance(self) -> bool:
-        """By the manager's books, or by what the vehicle says."""
-        return self.reserved or self.state.accepted is not None
-
-    @property
-    def could_stop(self) -> bool:
-        """Whether it could come to a stand before the line when last heard.
-
-        A vehicle that rides rule 1's curve exactly could: that curve ends `STOP_OFFSET_M` before the line.
-        """
-        return self.state.speed_mps**2 <= 2.0 * self.state.max_decel_mps2 * self.state.distance_m
+    def note(self, term: int) -> None:
+        """Renew the record; `term` is the manager's own: an id of another is not in its books, though it may be."""
+        state, stranger = self.state, self.state.stranger
+        accepted = NONE if state.accepted is None else state.accepted if state.term == term else FOREIGN
+        behind = (NEVER, 0.0, 1.0)
+        if stranger is not None:
+            behind = (stranger.gap_m - state.distance_m, stranger.speed_mps, stranger.decel_mps2)
+        self.record = _PACK(
+            state.time_s, state.distance_m, state.speed_mps, state.length_m, state.max_accel_mps2,
+            state.max_decel_mps2, state.max_speed_mps, math.inf if state.leader_gap_m is None else state.leader_gap_m,
+            *behind, self.entered_s, self.setback_m, *self.priority,
+            self.movement, self.footprint, accepted, state.fallback, self.vanished,
+        )  # fmt: skip
 
 
 def same_body(one: State, other: State) -> bool:
@@ -59,66 +97,75 @@ def same_body(one: State, other: State) -> bool:
     )
 
 
-def predict(vehicle: Tracked, time_s: float) -> tuple[float, float]:
-    """Distance to the line and speed at `time_s`, at constant speed.
+def heard_of(present: Sequence[Tracked]) -> Heard:
+    """The records of vehicles, in their order, by columns."""
+    joined = b"".join([vehicle.record for vehicle in present])
+    table = np.frombuffer(joined).reshape(len(present), len(Heard._fields)).T.copy()
+    return Heard(*table[:REALS], *table[REALS:].view(np.int64))
+
+
+def could_stop(heard: Heard) -> Bools:
+    """Who could come to a stand before the line when last heard.
+
+    A vehicle that rides rule 1's curve exactly could: that curve ends `STOP_OFFSET_M` before the line.
+    """
+    return np.asarray(heard.v**2 <= 2.0 * heard.b_max * heard.s)
+
+
+def holding(heard: Heard, reserved: Bools) -> Bools:
+    """Who has a clearance by the manager's own books, offered or accepted, or by what it says itself."""
+    return np.asarray(reserved | (heard.accepted != NONE))
+
+
+def predict(heard: Heard, reserved: Bools, time_s: float) -> tuple[Floats, Floats]:
+    """Distances to the line and speeds at `time_s`, at constant speed.
 
     Without a clearance a vehicle that can stop does so by itself (rule 1), so it is predicted no further than
     where it would stand. A state from just after the control cycle's time is taken back, one step at most.
     """
-    state = vehicle.state
-    age_s = max(time_s - state.time_s, -STEP_S)
-    s, v = state.distance_m - state.speed_mps * age_s, state.speed_mps
-    if age_s > 0.0 and vehicle.could_stop and not vehicle.holds_clearance:
-        rest = min(state.distance_m, vehicle.setback_m + STOP_OFFSET_M)
-        s = max(s, rest)
-        v = min(v, math.sqrt(2.0 * state.max_decel_mps2 * (s - rest)))
-    return s, v
+    age = np.maximum(time_s - heard.time, -STEP_S)
+    s, v = heard.s - heard.v * age, heard.v
+    waits = (age > 0.0) & could_stop(heard) & ~holding(heard, reserved)
+    if not waits.any():
+        return s, v.copy()
+    rest = np.minimum(heard.s, heard.setback + STOP_OFFSET_M)
+    s = np.where(waits, np.maximum(s, rest), s)
+    slowed = np.minimum(v, np.sqrt(2.0 * heard.b_max * np.maximum(s - rest, 0.0)))
+    return s, np.where(waits, slowed, v)
 
 
 def picture(
-    cycle: int, time_s: float, present: Sequence[Tracked], ground: Ground, *, term: int, silent_s: float
+    cycle: int, time_s: float, ids: tuple[str, ...], heard: Heard, reserved: Bools, ground: Ground, silent_s: float
 ) -> Snapshot:
-    """The snapshot of `present`, in their order; states older than `silent_s` are marked silent."""
-    states = [vehicle.state for vehicle in present]
-    strangers = [(state.stranger, state) for state in states]
-
-    def reals(values: list[float]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        return np.array(values, dtype=np.float64)
-
-    predicted = [predict(vehicle, time_s) for vehicle in present]
-    s = reals([distance for distance, _ in predicted])
-    movement = np.array([vehicle.movement for vehicle in present], dtype=np.int64)
+    """The snapshot of vehicles by their records; states older than `silent_s` are marked silent."""
+    s, v = predict(heard, reserved, time_s)
+    movement = heard.movement
     limit = np.where(s > 0.0, ground.limit_mps[movement], ground.exit_mps[movement])
-    # A clearance of another term is not in this manager's books, though its id may be.
-    accepted = [
-        NONE if state.accepted is None else state.accepted if state.term == term else FOREIGN for state in states
-    ]
-    v = reals([speed for _, speed in predicted])
-    age = np.maximum(time_s - reals([state.time_s for state in states]), 0.0)
+    age = np.maximum(time_s - heard.time, 0.0)
     return Snapshot(
         cycle=cycle,
         time_s=time_s,
-        ids=tuple(state.vehicle for state in states),
+        ids=ids,
         s=s,
         v=v,
-        length=reals([state.length_m for state in states]),
-        a_max=reals([state.max_accel_mps2 for state in states]),
-        b_max=reals([state.max_decel_mps2 for state in states]),
-        v_max=np.minimum(reals([state.max_speed_mps for state in states]), limit),
+        length=heard.length,
+        a_max=heard.a_max,
+        b_max=heard.b_max,
+        v_max=np.minimum(heard.v_max, limit),
         movement=movement,
         lane=ground.lane[movement],
-        footprint=np.array([vehicle.footprint for vehicle in present], dtype=np.int64),
-        waited=np.maximum(time_s - reals([vehicle.entered_s for vehicle in present]), 0.0),
-        assertiveness=reals([vehicle.priority.assertiveness for vehicle in present]),
-        speed_priority=reals([vehicle.priority.speed for vehicle in present]),
-        variation_priority=reals([vehicle.priority.variation for vehicle in present]),
-        accepted=np.array(accepted, dtype=np.int64),
-        silent=(age > silent_s) | np.array([vehicle.vanished for vehicle in present], dtype=np.bool_),
+        footprint=heard.footprint,
+        waited=np.maximum(time_s - heard.entered, 0.0),
+        assertiveness=heard.assertiveness,
+        speed_priority=heard.speed_priority,
+        variation_priority=heard.variation_priority,
+        accepted=heard.accepted,
+        silent=(age > silent_s) | (heard.vanished > 0),
         age=age,
-        stranger_x=reals([NEVER if each is None else each.gap_m - state.distance_m for each, state in strangers]),
-        stranger_v=reals([0.0 if each is None else each.speed_mps for each, _ in strangers]),
-        stranger_b=reals([1.0 if each is None else each.decel_mps2 for each, _ in strangers]),
-        heard_s=np.where(age > 0.0, reals([state.distance_m for state in states]), s),
-        heard_v=np.where(age > 0.0, reals([state.speed_mps for state in states]), v),
-        gap=reals([math.inf if state.leader_gap_m is None else state.leader_gap_m for state in states]),
+        stranger_x=heard.stranger_x,
+        stranger_v=heard.stranger_v,
+        stranger_b=heard.stranger_b,
+        heard_s=np.where(age > 0.0, heard.s, s),
+        heard_v=np.where(age > 0.0, heard.v, v),
+        gap=heard.gap,
     )

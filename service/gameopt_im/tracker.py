@@ -15,16 +15,18 @@ Between states a vehicle is predicted (`tracked.predict`), and marked silent onc
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
 
 from gameopt_im.core.bids import assign, class_bounds
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.parameters import Parameters
-from gameopt_im.core.snapshot import Snapshot
+from gameopt_im.core.snapshot import Bools, Ints, Snapshot
 from gameopt_im.inbox import Raw
-from gameopt_im.tracked import Tracked, picture, same_body
+from gameopt_im.tracked import Heard, Tracked, could_stop, heard_of, holding, picture, same_body
 from gameopt_wire import codec, keys
 from gameopt_wire.intersection import IntersectionMap
 from gameopt_wire.messages import STEP_S, Bid, Clock, State
@@ -45,6 +47,9 @@ AFTER_EXIT_M = 60.0
 """Vehicles are kept this far past the stretch over which exit headways are opened (`exit.distance_m`)."""
 
 _NOBODY: frozenset[str] = frozenset()
+LEFT, LOST, STALE = 1, 2, 3
+FATES: dict[int, EventKind] = {LEFT: "left", LOST: "lost", STALE: "stale"}
+"""What may become of a vehicle that is dropped; 0 stays."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +80,10 @@ class Tracker:
         self._term = term
         self._movements = {movement.id: index for index, movement in enumerate(intersection.movements)}
         self._zone_m: list[float] = [intersection.lanes[movement.lane].zone_m for movement in intersection.movements]
-        self._exit_end_m: list[float] = (ground.length + ground.exit_length).tolist()
-        self._clear_m: list[float] = ground.clear.tolist()
+        self._exit_end_m = ground.length + ground.exit_length
         self._vehicles: dict[str, Tracked] = {}
+        self._ordered: list[Tracked] | None = None
+        self._reserved: Collection[str] = _NOBODY
         self._bids: dict[str, Bid] = {}
         self._gone: dict[str, State] = {}
         """The last state of vehicles dropped a moment ago: a copy that comes late is no new arrival."""
@@ -86,6 +92,7 @@ class Tracker:
     def reset(self) -> None:
         """Forgets every vehicle without a word, as when lock-step time begins anew; counters go on."""
         self._vehicles.clear()
+        self._ordered, self._reserved = None, _NOBODY
         self._bids.clear()
         self._gone.clear()
         self._events.clear()
@@ -116,7 +123,7 @@ class Tracker:
             return self._count("unknown_movement")
         last = known.state if known else self._gone.get(state.vehicle)
         reason = self._implausible(state, movement, now_s) or _outdated(last, state)
-        if reason is None and known and known.holds_clearance and not same_body(known.state, state):
+        if reason is None and known and self._holds_clearance(known) and not same_body(known.state, state):
             reason = "changed"
         if reason is None and known is None and len(self._vehicles) >= self._parameters.service.max_vehicles:
             reason = "overload"
@@ -135,6 +142,7 @@ class Tracker:
             vehicle = self._vehicles.get(bid.vehicle)
             if vehicle is not None and (known is None or known.assertiveness != bid.assertiveness):
                 vehicle.priority = assign(vehicle.bounds, bid.assertiveness)
+                vehicle.note(self._term)
         return self._count(reason)
 
     def vanish(self, vehicle: str) -> None:
@@ -145,6 +153,7 @@ class Tracker:
         known = self._vehicles.get(vehicle)
         if known is not None and self._clock == "wall":
             known.vanished = True
+            known.note(self._term)
 
     def last_state(self, vehicle: str) -> State | None:
         """The last state heard of a vehicle, not predicted; None for one that is not tracked."""
@@ -161,19 +170,41 @@ class Tracker:
 
         Vehicles that have left or been silent too long are dropped on the way, with an event each.
         """
-        for vehicle in list(self._vehicles.values()):
-            vehicle.reserved = vehicle.state.vehicle in reserved
-            fate = self._fate(vehicle, time_s)
-            if fate is not None:
-                del self._vehicles[vehicle.state.vehicle]
-                self._bids.pop(vehicle.state.vehicle, None)
-                self._gone[vehicle.state.vehicle] = vehicle.state
-                self._tell(fate, vehicle, time_s)
+        self._reserved = reserved
+        present = self._in_order()
+        heard = heard_of(present)
+        held = self._are_reserved(present)
+        fates = self._fates(heard, held, time_s)
+        if fates.any():
+            for vehicle, fate in zip(present, fates.tolist(), strict=True):
+                if fate:
+                    self._drop(vehicle, FATES[fate], time_s)
+            present, heard, held = self._in_order(), heard.only(fates == 0), held[fates == 0]
         self._forget(time_s)
-        present = sorted(self._vehicles.values(), key=lambda each: (each.entered_s, each.state.vehicle))
-        self.fallbacks = sum(each.state.fallback for each in present)
+        self.fallbacks = int(np.count_nonzero(heard.fallback))
         silent_s = SILENT_CYCLES[self._clock] * STEP_S
-        return picture(cycle, time_s, present, self._ground, term=self._term, silent_s=silent_s)
+        ids = tuple(vehicle.state.vehicle for vehicle in present)
+        return picture(cycle, time_s, ids, heard, held, self._ground, silent_s)
+
+    def _in_order(self) -> list[Tracked]:
+        """The vehicles by zone entry, then id."""
+        if self._ordered is None:
+            self._ordered = sorted(self._vehicles.values(), key=lambda each: (each.entered_s, each.state.vehicle))
+        return self._ordered
+
+    def _are_reserved(self, present: Sequence[Tracked]) -> Bools:
+        return np.array([vehicle.state.vehicle in self._reserved for vehicle in present], dtype=np.bool_)
+
+    def _holds_clearance(self, vehicle: Tracked) -> bool:
+        return vehicle.state.vehicle in self._reserved or vehicle.state.accepted is not None
+
+    def _drop(self, vehicle: Tracked, fate: EventKind, time_s: float) -> None:
+        name = vehicle.state.vehicle
+        del self._vehicles[name]
+        self._ordered = None
+        self._bids.pop(name, None)
+        self._gone[name] = vehicle.state
+        self._tell(fate, vehicle, time_s)
 
     def _count(self, reason: Reason | None) -> Reason | None:
         self.received += 1
@@ -198,6 +229,7 @@ class Tracker:
     def _take(self, state: State, movement: int, known: Tracked | None, now_s: float) -> None:
         if known is not None and same_body(known.state, state):
             known.state, known.vanished = state, False
+            known.note(self._term)
             return
         bounds = class_bounds(self._parameters.classes, state.vehicle_class)
         bid = self._bids.get(state.vehicle)
@@ -212,10 +244,11 @@ class Tracker:
             priority=assign(bounds, bid.assertiveness if bid else bounds.assertiveness[0]),
         )
         if known is None:
-            if self._has_left(vehicle, -state.distance_m):
+            if self._has_left(movement, state.length_m, -state.distance_m):
                 return  # it still speaks of the way behind the exit; that is nobody's entry
             self._tell("entered", vehicle, now_s)
-        self._vehicles[state.vehicle] = vehicle
+        vehicle.note(self._term)
+        self._vehicles[state.vehicle], self._ordered = vehicle, None
 
     def _forget(self, time_s: float) -> None:
         """Bids of vehicles that never came or have gone, and the gone, once their messages are too old to be taken."""
@@ -226,39 +259,27 @@ class Tracker:
         for name in [name for name, state in self._gone.items() if state.time_s < oldest_s]:
             del self._gone[name]
 
-    def _has_left(self, vehicle: Tracked, front_m: float) -> bool:
+    def _has_left(self, movement: Any, length_m: Any, front_m: Any) -> Any:
         """Whether it is through, its front this far past the line: rear clear, and the exit stretch done."""
-        rear_m = front_m - vehicle.state.length_m - self._clear_m[vehicle.movement]
+        rear_m = front_m - length_m - self._ground.clear[movement]
         stretch_m = self._parameters.exit.distance_m + AFTER_EXIT_M
-        return rear_m >= 0.0 and (rear_m >= stretch_m or front_m >= self._exit_end_m[vehicle.movement])
+        return (rear_m >= 0.0) & ((rear_m >= stretch_m) | (front_m >= self._exit_end_m[movement]))
 
-    def _may_be_released(self, vehicle: Tracked) -> bool:
-        """Whether its silence means that it needs no more commands: its headway has been opened."""
-        rear_m = -vehicle.state.distance_m - vehicle.state.length_m - self._clear_m[vehicle.movement]
-        return rear_m >= self._parameters.exit.distance_m
-
-    def _was_clear(self, vehicle: Tracked) -> bool:
-        """Whether it was last heard where nothing can be in its way any more, or about to leave the map."""
-        state = vehicle.state
-        front_m = -state.distance_m
-        rear_m = front_m - state.length_m - self._clear_m[vehicle.movement]
-        next_m = front_m + 2.0 * STEP_S * state.speed_mps
-        return rear_m >= 0.0 or next_m >= self._exit_end_m[vehicle.movement]
-
-    def _fate(self, vehicle: Tracked, time_s: float) -> EventKind | None:
-        """Whether a vehicle is dropped now, and as what."""
-        state, service = vehicle.state, self._parameters.service
-        age_s = time_s - state.time_s
-        if self._was_clear(vehicle):
-            front_m = state.speed_mps * max(age_s, 0.0) - state.distance_m
-            released = age_s > 1.5 * STEP_S and self._may_be_released(vehicle)
-            if vehicle.vanished or released or self._has_left(vehicle, front_m):
-                return "left"
-        if age_s > service.hold_s:
-            return "lost"
-        if age_s > service.stale_s and vehicle.could_stop and not vehicle.holds_clearance:
-            return "stale"
-        return None
+    def _fates(self, heard: Heard, held: Bools, time_s: float) -> Ints:
+        """(n,) which of `FATES` each vehicle has now."""
+        service, movement = self._parameters.service, heard.movement
+        age = time_s - heard.time
+        front = -heard.s
+        rear = front - heard.length - self._ground.clear[movement]
+        # Heard last where nothing can be in its way any more, or about to leave the map.
+        was_clear = (rear >= 0.0) | (front + 2.0 * STEP_S * heard.v >= self._exit_end_m[movement])
+        # Its silence means that it needs no more commands: its headway has been opened.
+        released = (age > 1.5 * STEP_S) & (rear >= self._parameters.exit.distance_m)
+        through = self._has_left(movement, heard.length, heard.v * np.maximum(age, 0.0) + front)
+        left = was_clear & ((heard.vanished > 0) | released | through)
+        lost = age > service.hold_s
+        stale = (age > service.stale_s) & could_stop(heard) & ~holding(heard, held)
+        return np.select([left, lost, stale], [LEFT, LOST, STALE])
 
 
 def _outdated(known: State | Bid | None, new: State | Bid) -> Reason | None:

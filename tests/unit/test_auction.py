@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gameopt_im.core import auction
 from gameopt_im.core.auction import (
     allocate,
     distinct,
@@ -150,3 +151,12 @@ def test_prices_are_charged_within_the_group() -> None:
     np.testing.assert_allclose(charged, [4 * 0.5, 2 * 0.5, 0.0, 0.0, 0.0])
     charged = prices_of_order(ints(2, 0, 4, 1, 3), bids, group, 0.5)
     np.testing.assert_allclose(charged, [0.0, 0.0, 10 * 0.5, 0.0, 8 * 0.5])
+
+
+def test_one_giver_or_many_are_one_compilation() -> None:
+    """Compiling takes seconds, which a control cycle has not: arguments are laid out alike whatever they hold."""
+    lines, group = queues(ints(0, 0, 1), floats(10, 20, 10), np.arange(3)), ints(0, 0, 0)
+    with_transfers(floats(1, 10, 5)[None], lines, group, 0.9, 0.5)
+    compiled = len(auction._transferred.signatures)
+    with_transfers(np.array([[1.0, 10.0, 5.0], [2.0, 9.0, 5.0]]), lines, group, 0.9, 0.5)
+    assert len(auction._transferred.signatures) == compiled

@@ -6,7 +6,7 @@ arrival, then of id (`Snapshot`). Bids, values and payments share the master bid
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -58,8 +58,7 @@ def transfer(giver: float, receiver: float, amount: float) -> tuple[float, float
     return giver - amount, receiver + amount
 
 
-@dataclass(frozen=True, slots=True)
-class Queues:
+class Queues(NamedTuple):
     """Who stands behind whom in the lanes.
 
     `slots` (L, D): the vehicles of each lane, front first, n where a lane has no more. `lane` (n,) is a
@@ -73,36 +72,60 @@ class Queues:
     arrival: Ints
 
 
+@kernel
 def queues(lane: Ints, s: Floats, arrival: Ints) -> Queues:
     """The queues of n vehicles from their lanes, distances to the stop line (m) and places in order of arrival."""
-    n = len(lane)
-    front = np.lexsort((s, lane))
-    names, row, length = np.unique(lane, return_inverse=True, return_counts=True)
-    place = np.empty(n, dtype=np.int64)
-    place[front] = np.arange(n) - np.repeat(np.cumsum(length) - length, length)
-    slots = np.full((len(names), int(length.max(initial=0))), n, dtype=np.int64)
-    slots[row, place] = np.arange(n)
-    return Queues(slots, row.astype(np.int64), place, arrival)
+    n = lane.shape[0]
+    front = np.argsort(s, kind="mergesort")
+    front = front[np.argsort(lane[front], kind="mergesort")]
+    row, place = np.empty(n, np.int64), np.empty(n, np.int64)
+    lanes = longest = 0
+    for k in range(n):
+        i = front[k]
+        follows = k > 0 and lane[front[k - 1]] == lane[i]
+        place[i] = place[front[k - 1]] + 1 if follows else 0
+        lanes += 0 if follows else 1
+        row[i] = lanes - 1
+        longest = max(longest, place[i] + 1)
+    slots = np.full((lanes, longest), n, np.int64)
+    for i in range(n):
+        slots[row[i], place[i]] = i
+    return Queues(slots, row, place, arrival)
 
 
+@kernel
 def _ranks(bids: Floats, arrival: Ints) -> Ints:
     """(K, n) place of each vehicle by bid alone, 0 for the highest; ties by arrival, so no two are equal."""
-    order = np.lexsort((np.broadcast_to(arrival, bids.shape), -bids), axis=1)
-    ranks = np.empty_like(order)
-    np.put_along_axis(ranks, order, np.broadcast_to(np.arange(bids.shape[1]), bids.shape), axis=1)
+    ranks, by_arrival = np.empty(bids.shape, np.int64), np.argsort(arrival, kind="mergesort")
+    for k in range(bids.shape[0]):
+        order = by_arrival[np.argsort(-bids[k][by_arrival], kind="mergesort")]
+        for turn in range(order.shape[0]):
+            ranks[k, order[turn]] = turn
     return ranks
 
 
+@kernel
 def _held(ranks: Ints, lines: Queues) -> Ints:
     """(K, n) the rank a vehicle really has: the worst from the head of its lane down to itself."""
-    padded = np.concatenate([ranks, np.full((len(ranks), 1), -1, dtype=np.int64)], axis=1)
-    worst = np.maximum.accumulate(padded[:, lines.slots], axis=2)
-    return worst[:, lines.lane, lines.place]
+    held = ranks.copy()
+    for k in range(ranks.shape[0]):
+        for row in range(lines.slots.shape[0]):
+            worst = -1
+            for i in lines.slots[row]:
+                if i == ranks.shape[1]:
+                    break
+                worst = max(worst, ranks[k, i])
+                held[k, i] = worst
+    return held
 
 
+@kernel
 def _merged(held: Ints, lines: Queues) -> Ints:
     """(K, n) orders: by the rank each is held at; vehicles held by the same one keep their lane's order."""
-    return np.argsort(held * np.int64(lines.slots.shape[1]) + lines.place, axis=1, kind="stable")
+    orders = np.empty_like(held)
+    for k in range(held.shape[0]):
+        orders[k] = np.argsort(held[k] * lines.slots.shape[1] + lines.place, kind="mergesort")
+    return orders
 
 
 def lane_orders(bids: Floats, lines: Queues) -> Ints:
@@ -111,7 +134,7 @@ def lane_orders(bids: Floats, lines: Queues) -> Ints:
     Whoever is taken frees the next of its lane, so a vehicle goes when the lowest bid from the head of its
     lane down to itself goes: sorting by that running worst rank is the same and needs no loop.
     """
-    return _merged(_held(_ranks(bids, lines.arrival), lines), lines)
+    return np.asarray(_merged(_held(_ranks(bids, lines.arrival), lines), lines))
 
 
 def with_transfers(bids: Floats, lines: Queues, group: Ints, ratio: float, share: float) -> Floats:
@@ -122,18 +145,27 @@ def with_transfers(bids: Floats, lines: Queues, group: Ints, ratio: float, share
     it would pass the vehicles of its group in other lanes whose held rank lies between its own rank and the
     rank it is held at. `group` (n,) holds conflict groups; vehicles `OUTSIDE` give and get nothing.
     """
+    if share == 0.0:
+        return bids
+    return np.asarray(_transferred(bids, lines, group, ratio, share, slot_values(bids.shape[1] + 1, ratio)))
+
+
+@kernel
+def _transferred(bids: Floats, lines: Queues, group: Ints, ratio: float, share: float, alpha: Floats) -> Floats:
     ranks = _ranks(bids, lines.arrival)
     held = _held(ranks, lines)
     row, giver = np.nonzero((ranks < held) & (group != OUTSIDE))
-    if share == 0.0 or not len(giver):
+    if giver.shape[0] == 0:
         return bids
-    alpha = slot_values(bids.shape[1] + 1, ratio)
     orders = _merged(held, lines)
     cost, passed = _passed(bids * (1.0 - ratio), orders, lines.lane, group, ranks, held, row, giver, alpha)
-    # With alpha_k = ratio^(k-1) only the differences of turns count: passing m vehicles of bids b_1 .. b_m makes
-    # `transfer_bound` zeta (1 - ratio^m) - sum_t b_t (1 - ratio) ratio^(t-1).
-    bound = bids[row, giver] * (1.0 - alpha[passed]) - cost.sum(axis=1)
-    return bids + _moved(share * np.maximum(bound, 0.0), lines.slots, lines.lane, lines.place, group, ranks, row, giver)
+    amount = np.empty(giver.shape[0])
+    for r in range(giver.shape[0]):
+        # With alpha_k = ratio^(k-1) only the differences of turns count: passing m vehicles of bids b_1 .. b_m makes
+        # `transfer_bound` zeta (1 - ratio^m) - sum_t b_t (1 - ratio) ratio^(t-1).
+        bound = bids[row[r], giver[r]] * (1.0 - alpha[passed[r]]) - cost[r].sum()
+        amount[r] = share * max(bound, 0.0)
+    return bids + _moved(amount, lines.slots, lines.lane, lines.place, group, ranks, row, giver)
 
 
 @kernel

@@ -17,9 +17,15 @@ from numba.extending import register_jitable
 from gameopt_im.core.parameters import Planner
 from gameopt_wire import motion
 
-kernel = numba.njit(cache=True)
+kernel = numba.njit(cache=True, error_model="numpy")
 
-for _rule in (motion.brake_speed, motion.stop_speed, motion.turn_speed, motion.follow_speed):
+for _rule in (
+    motion.brake_speed,
+    motion.stop_speed,
+    motion.turn_speed,
+    motion.follow_speed,
+    motion.tracking_speed,
+):
     register_jitable(_rule)
 
 NEVER = 1e9
@@ -154,31 +160,25 @@ def cruise_for(
     if 0.0 <= stopped[4] <= time:
         # so late a slot that the vehicle stops on the way and waits
         return 0.0, stopped[1], stopped[2], 0.0, stopped[4]
-    # Arrivals fall as h grows, but not where braking for a turn takes longer than braking now: try all there.
+    # Arrivals fall as h grows, but not where braking for a turn takes longer than braking now: bisection does there.
     late, early = slowest, high
     if d <= turn_b or high <= line:
         guess = cruise_guess(s, v, time, d, a, aim)
-        for h in (guess - CLOSE_MPS, guess + CLOSE_MPS):
-            if late < h < early:
-                plan = plan_at(s, v, h, d, a, line, turn_b, aim)
-                if plan[4] < 0.0 or plan[4] > time:
-                    late = h
-                else:
-                    early = h
-    low = slowest
+        if late < guess - CLOSE_MPS and guess + CLOSE_MPS < early:
+            plan = plan_at(s, v, guess + CLOSE_MPS, d, a, line, turn_b, aim)
+            if 0.0 <= plan[4] <= time:
+                early = guess + CLOSE_MPS
+                before = plan_at(s, v, guess - CLOSE_MPS, d, a, line, turn_b, aim)
+                if before[4] < 0.0 or before[4] > time:
+                    return plan
     for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        if late < middle < early:
-            plan = plan_at(s, v, middle, d, a, line, turn_b, aim)
-            if plan[4] < 0.0 or plan[4] > time:
-                late = middle
-            else:
-                early = middle
-        if middle <= late:
-            low = middle
+        middle = 0.5 * (late + early)
+        plan = plan_at(s, v, middle, d, a, line, turn_b, aim)
+        if plan[4] < 0.0 or plan[4] > time:
+            late = middle
         else:
-            high = middle
-    plan = plan_at(s, v, high, d, a, line, turn_b, aim)
+            early = middle
+    plan = plan_at(s, v, early, d, a, line, turn_b, aim)
     if plan[4] < time - TOO_SOFT_S:
         return plan[0], plan[1], plan[2], plan[3], -1.0
     return plan

@@ -15,16 +15,19 @@ from rich.progress import Progress
 from rich.table import Table
 
 from gameopt_im import recorder
+from gameopt_im.garbage import BetweenCycles
 from gameopt_im.manager import Manager, Outcome
 from gameopt_im.options import ServeOptions, StartError
 from gameopt_im.rehearsal import Rehearsal
 from gameopt_im.replay import options_of
-from gameopt_im.service import pool_of
+from gameopt_im.service import solver_of
 from gameopt_im.warm_up import warm_up
 from gameopt_wire.messages import STEP_S, CycleReport
 
 SETTLING_CYCLES = 200
 """Control cycles before the measurement: queues form, compiled code and solver workspaces are there."""
+REDRAW_CYCLES = 20
+"""Control cycles from one look of the progress bar to the next."""
 PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
 DECISION, WITHOUT = "decision", "without programs"
 """Rows beside the stages: snapshot in, commands out, and the same less the programs."""
@@ -106,12 +109,15 @@ async def _recorded(bench: Bench, path: Path) -> Measured:
 async def _measured(name: str, options: ServeOptions, outcomes: Outcomes, cycles: int | None) -> Measured:
     reports: list[CycleReport] = []
     total = SETTLING_CYCLES + cycles if cycles else None
-    async with pool_of(options) as pool:
-        with Progress(console=Console(stderr=True), transient=True) as progress:
+    async with solver_of(options) as pool:
+        # Nothing is drawn, and no garbage collected, while a control cycle is timed.
+        bar = Progress(console=Console(stderr=True), transient=True, auto_refresh=False)
+        with bar as progress, BetweenCycles() as garbage:
             task = progress.add_task(name, total=total)
             async for outcome in outcomes(Manager(options, 1, pool)):
                 reports.append(outcome.report)
-                progress.advance(task)
+                progress.update(task, advance=1, refresh=len(reports) % REDRAW_CYCLES == 0)
+                garbage.cycle_done()
     if len(reports) <= SETTLING_CYCLES:
         raise StartError(f"{name}: {len(reports)} control cycles; allowed: more than {SETTLING_CYCLES}")
     reports = reports[SETTLING_CYCLES:]

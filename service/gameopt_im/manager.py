@@ -9,7 +9,6 @@ import asyncio
 import time
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import structlog
@@ -19,11 +18,12 @@ from gameopt_im.core import decision, planning
 from gameopt_im.core.conflicts import ground
 from gameopt_im.core.decision import Conclusion, Picture, Settled, Winner
 from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
+from gameopt_im.core.kinematics import NEVER
 from gameopt_im.core.reservations import Book, Reservation
 from gameopt_im.core.snapshot import Snapshot
 from gameopt_im.inbox import Raw
 from gameopt_im.options import ServeOptions
-from gameopt_im.solver.pool import Pool
+from gameopt_im.solver.contest import Solver
 from gameopt_im.strategy import DefaultProfile, PaperProfile, Strategy
 from gameopt_im.tracker import Tracker
 from gameopt_wire.messages import Clearance, Command, CycleReport, LedgerEntry
@@ -43,7 +43,7 @@ class Outcome:
 class Manager:
     """One intersection under one term; `control_cycle` is called once per control cycle, in order."""
 
-    def __init__(self, options: ServeOptions, term: int, pool: Pool[Any, Any]) -> None:
+    def __init__(self, options: ServeOptions, term: int, solver: Solver) -> None:
         self.options = options
         self.term = term
         self.missed = 0
@@ -53,7 +53,7 @@ class Manager:
             options.map, options.geometry, options.parameters.program.lateral_margin_m, options.turn_speed
         )
         self._tracker = Tracker(options.map, self._ground, options.parameters, options.clock, term)
-        self._pool = pool
+        self._solver = solver
         self._strategy = self._fresh_strategy()
         self._book = Book()
         self._order: tuple[str, ...] = ()
@@ -89,7 +89,7 @@ class Manager:
         who = planning.bidders(snapshot, self._ground, self._book, limits, parameters, count)
         proposal = self._strategy.propose(snapshot, self._book, limits, who, self._order)
         self._mark("auction")
-        results = await self._pool.solve(proposal.jobs, self._deadline())
+        results = await self._solver.solve(proposal.jobs, self._deadline())
         winner = self._strategy.choose(proposal, results)
         self._mark("programs")
 
@@ -121,27 +121,33 @@ class Manager:
 
     def _commands(self, snapshot: Snapshot, limits: Limits, concluded: Conclusion) -> list[Command]:
         """One command for every vehicle that was heard; a silent one falls back by itself."""
-        rank = {int(i): k for k, i in enumerate(concluded.order)}
-        valid_until_s = snapshot.time_s + self.options.parameters.service.command_valid_s
+        rank = np.full(len(snapshot), -1)
+        rank[concluded.order] = np.arange(len(concluded.order))
+        now_s, held = snapshot.time_s, self._book.held
+        valid_until_s = now_s + self.options.parameters.service.command_valid_s
+        slots = np.where(np.abs(concluded.slots) < NEVER / 2, np.maximum(0.0, now_s + concluded.slots), np.nan)
+        offers = limits.phase != INTRUDING
+        columns = (concluded.speeds, slots, np.isnan(slots), rank, offers, snapshot.silent)
         commands = []
-        for i, vehicle in enumerate(snapshot.ids):
-            if snapshot.silent[i]:
+        for vehicle, speed, slot, slotless, turn, offered, silent in zip(
+            snapshot.ids, *(column.tolist() for column in columns), strict=True
+        ):
+            if silent:
                 continue
-            reservation = self._book.held.get(vehicle)
-            slot = float(concluded.slots[i])
+            reservation = held.get(vehicle)
             commands.append(
                 Command(
                     vehicle=vehicle,
                     term=self.term,
                     cycle=snapshot.cycle,
-                    time_s=snapshot.time_s,
-                    speed_mps=float(concluded.speeds[i]),
+                    time_s=now_s,
+                    speed_mps=speed,
                     valid_until_s=valid_until_s,
-                    slot_s=max(0.0, snapshot.time_s + slot) if np.isfinite(slot) and slot < 1e6 else None,
-                    clearance=_offer(reservation, snapshot.time_s) if limits.phase[i] != INTRUDING else None,
+                    slot_s=None if slotless else slot,
+                    clearance=_offer(reservation, now_s) if offered else None,
                     cleared=_known(reservation),
                     withdrawn=reservation.clearance if reservation is not None and reservation.withdrawn else None,
-                    rank=rank.get(i, -1),
+                    rank=turn,
                     price=reservation.price if reservation is not None else 0.0,
                 )
             )
@@ -191,7 +197,7 @@ class Manager:
         commands: int,
         elapsed_ms: float,
     ) -> CycleReport:
-        counts = self._pool.counts
+        counts = self._solver.counts
         cleared = sum(r.accepted and r.clearance > 0 for r in self._book.held.values())
         return CycleReport(
             term=self.term,

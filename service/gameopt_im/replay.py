@@ -12,7 +12,7 @@ from gameopt_im.inbox import Raw
 from gameopt_im.manager import Manager
 from gameopt_im.options import ServeOptions
 from gameopt_im.recorder import Recording
-from gameopt_im.service import pool_of
+from gameopt_im.service import solver_of
 from gameopt_wire.messages import Command
 
 ABSENT = "absent"
@@ -78,7 +78,7 @@ def options_of(recording: Recording) -> ServeOptions:
 async def manager_of(recording: Recording) -> AsyncIterator[Manager]:
     """The manager as it was at the start of the recorded run."""
     options = options_of(recording)
-    async with pool_of(options) as pool:
+    async with solver_of(options) as pool:
         yield Manager(options, recording.charter.term, pool)
 
 

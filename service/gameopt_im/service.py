@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import time
 from collections import Counter
 from contextlib import AsyncExitStack
-from typing import Any
 
 import structlog
 
 from gameopt_im.bus import Bus, configuration
 from gameopt_im.clock import LockStep, WallClock
+from gameopt_im.garbage import BetweenCycles
 from gameopt_im.manager import Manager
 from gameopt_im.options import ServeOptions
 from gameopt_im.recorder import Recorder
 from gameopt_im.solver import contest
-from gameopt_im.solver.pool import Pool
+from gameopt_im.solver.contest import Solver
 from gameopt_im.warm_up import warm_up
 from gameopt_wire import codec
 from gameopt_wire.intersection import Charter
@@ -38,7 +37,8 @@ async def serve(options: ServeOptions) -> None:
         if options.record is not None:
             recorder = stack.enter_context(Recorder(options.record, charter, options.parameters, options.command_line))
         await warm_up(options)
-        pool = await stack.enter_async_context(pool_of(options))
+        solver = solver_of(options)
+        await stack.enter_async_context(solver)
         await bus.announce(codec.CHARTER.encode(charter))
         log.info(
             "serving",
@@ -48,7 +48,7 @@ async def serve(options: ServeOptions) -> None:
             geometry=options.geometry,
             endpoints=list(options.listen or options.connect),
         )
-        await run(options, Manager(options, term, pool), bus, recorder)
+        await run(options, Manager(options, term, solver), bus, recorder)
 
 
 async def run(options: ServeOptions, manager: Manager, bus: Bus, recorder: Recorder | None) -> None:
@@ -56,21 +56,21 @@ async def run(options: ServeOptions, manager: Manager, bus: Bus, recorder: Recor
     clock: WallClock | LockStep = (
         LockStep(bus) if options.clock == "lockstep" else WallClock(bus, options.parameters.service.collect_s)
     )
-    gc.collect()
-    gc.freeze()  # what stands now stands for good: later collections need not look at it
-    while True:
-        tick = await clock.next_cycle()
-        if tick.restarted:
-            manager.restart()
-        manager.missed = clock.missed
-        manager.unread = Counter({"overflow": bus.overflow}) + clock.rejected
-        outcome = await manager.control_cycle(tick.cycle, tick.time_s, tick.messages)
-        bus.publish_commands(outcome.commands)
-        bus.publish_cycle(outcome.report)
-        for entry in outcome.ledger:
-            bus.publish_ledger(entry)
-        if recorder is not None:
-            recorder.record(tick, outcome.commands)
+    with BetweenCycles() as garbage:
+        while True:
+            tick = await clock.next_cycle()
+            if tick.restarted:
+                manager.restart()
+            manager.missed = clock.missed
+            manager.unread = Counter({"overflow": bus.overflow}) + clock.rejected
+            outcome = await manager.control_cycle(tick.cycle, tick.time_s, tick.messages)
+            bus.publish_commands(outcome.commands)
+            bus.publish_cycle(outcome.report)
+            for entry in outcome.ledger:
+                bus.publish_ledger(entry)
+            if recorder is not None:
+                recorder.record(tick, outcome.commands)
+            garbage.cycle_done()
 
 
 def charter_of(options: ServeOptions, term: int) -> Charter:
@@ -89,6 +89,6 @@ def charter_of(options: ServeOptions, term: int) -> Charter:
     )
 
 
-def pool_of(options: ServeOptions) -> Pool[Any, Any]:
-    """The worker processes, warmed on the programs of the profile."""
-    return contest.pool_for(options.profile, options.workers)
+def solver_of(options: ServeOptions) -> Solver:
+    """What solves the programs of the profile, warmed on them."""
+    return contest.solver_for(options.profile, options.workers)

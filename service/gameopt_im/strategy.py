@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from gameopt_im.core import auction, decision, horizon, planning, program
+from gameopt_im.core import auction, corridor, decision, planning, program
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.decision import Winner
 from gameopt_im.core.horizon import Start
@@ -129,7 +129,7 @@ class DefaultProfile:
 
     def _approach(self, problem: Demand, option: Candidate) -> np.ndarray[Any, np.dtype[np.float64]]:
         """The approach law's own next speeds, where no program has a solution."""
-        speeds, _, _ = horizon.reference(
+        speeds, _, _ = corridor.reference(
             problem.s, problem.v, option.slots, problem.a, problem.b, problem.top, problem.line_cap,
             self._rules.manner, np.array([STEP_S]),
         )  # fmt: skip

@@ -17,7 +17,7 @@ from gameopt_im.inbox import Raw
 from gameopt_im.manager import Manager
 from gameopt_im.options import ServeOptions
 from gameopt_im.recorder import RecordedCycle, Recorder
-from gameopt_im.service import charter_of, pool_of
+from gameopt_im.service import charter_of, solver_of
 from gameopt_wire import codec, keys
 from gameopt_wire.intersection import IntersectionMap
 from gameopt_wire.messages import Bid, State
@@ -56,7 +56,7 @@ def spoken(cycle: int) -> list[Raw]:
 async def driven() -> list[RecordedCycle]:
     """Time runs, and begins anew half way."""
     run = []
-    async with pool_of(OPTIONS) as pool:
+    async with solver_of(OPTIONS) as pool:
         manager = Manager(OPTIONS, 7, pool)
         for number in range(2 * CYCLES):
             cycle = number % CYCLES + 1

@@ -174,7 +174,7 @@ async def drive(
     from gameopt_im.core.parameters import Parameters
     from gameopt_im.manager import Manager
     from gameopt_im.options import ServeOptions
-    from gameopt_im.service import pool_of
+    from gameopt_im.service import solver_of
     from gameopt_sumo.simulation import Simulation
     from gameopt_vehicles.fleet import Fleet, Settings
 
@@ -192,7 +192,7 @@ async def drive(
         options = ServeOptions(
             map=known, parameters=parameters, clock="lockstep", workers=0, profile=profile, geometry=geometry
         )
-        async with pool_of(options) as pool:
+        async with solver_of(options) as pool:
             bus: Any = InProcessBus(Manager(options, 1, pool), known.intersection)
             fleet = Fleet(road, bus, Settings(duration_s=duration_s, seed=seed, **settings))
             await fleet.run()

@@ -13,7 +13,7 @@ from gameopt_im.core.conflicts import PAPER_GROUPS, ground
 from gameopt_im.core.decision import Picture
 from gameopt_im.core.interlock import Limits
 from gameopt_im.core.kinematics import NEVER
-from gameopt_im.core.leading import Ahead, B, Ways, nobody
+from gameopt_im.core.leading import Room
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.program import Traffic
 from gameopt_im.core.reservations import Book
@@ -161,11 +161,9 @@ def picture_of(cars: Snapshot, book: Book) -> Picture:
     return decision.picture(cars, GROUND, book, Parameters())
 
 
-def behind(room: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[Ahead, Ways]:
-    """One leader whose rear is `room` past where the follower counts from, at v, step by step from control cycle 0."""
-    ahead = nobody(1)
-    ahead.row[0], ahead.number[0, B] = 0, 4.5
-    return ahead, Ways(room[None], v[None], room[None], v[None], np.zeros(1, dtype=np.int64))
+def behind(room: NDArray[np.float64], v: NDArray[np.float64]) -> Room:
+    """One leader that leaves this much room and drives at v, step by step."""
+    return Room(room[None], v[None], np.full(1, 4.5))
 
 
 def braking(x0: float, v0: float, b: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

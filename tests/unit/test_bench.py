@@ -16,7 +16,7 @@ from gameopt_im.inbox import Raw
 from gameopt_im.manager import Manager
 from gameopt_im.options import ServeOptions
 from gameopt_im.rehearsal import Rehearsal
-from gameopt_im.solver.contest import pool_for
+from gameopt_im.solver.contest import solver_for
 from gameopt_sumo.network import packaged_map
 from gameopt_wire import codec
 from gameopt_wire.messages import STEP_S, State
@@ -33,7 +33,7 @@ def test_made_up_traffic_crosses_and_is_kept_up() -> None:
     seen: Counter[str] = Counter()
 
     async def drive() -> None:
-        async with pool_for("default", 0) as pool:
+        async with solver_for("default", 0) as pool:
             manager = Manager(options, 1, pool)
             for cycle in range(1, 600):
                 messages = traffic.messages(cycle * STEP_S)

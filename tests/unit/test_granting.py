@@ -139,7 +139,7 @@ def held(room: Floats, lead_v: Floats) -> tuple[int, Floats]:
     late_x, late_v = np.empty(HORIZON), np.empty(HORIZON)
     done = held_back(
         0.0, 10.0, np.full(HORIZON, 10.0), 0, (5.0, 2.6, 4.5), 15.0, (0.0, 10.0, 1e6),
-        0, *behind(room, lead_v), late_x, late_v,
+        behind(room, lead_v), late_x, late_v,
     )  # fmt: skip
     return done, late_x
 
@@ -162,7 +162,7 @@ def drive_behind(room_m: float) -> int:
     body, way = (5.0, 2.6, 4.5, 15.0, 15.0), (NEVER, 21.0, 22.0, 15.0, 1.0)
     x, v = np.empty(HORIZON), np.empty(HORIZON)
     leader = behind(room, np.zeros(HORIZON))
-    done = drive(0.0, 15.0, NO_SLOT, body, way, Manner((1.0, 3.4), 0.5, 1.0), 0, *leader, x, v)
+    done = drive(0.0, 15.0, NO_SLOT, body, way, Manner((1.0, 3.4), 0.5, 1.0), leader, x, v)
     if done >= 0:
         assert x[int(3.0 / STEP_S) - 1] <= room_m + STOP_PLAY_M
     return int(done)

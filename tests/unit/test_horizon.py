@@ -11,7 +11,8 @@ from scipy.linalg import block_diag
 from scipy.sparse import csc_matrix
 
 from gameopt_im.core import horizon
-from gameopt_im.core.horizon import SLACK_MPS, HorizonRules, HorizonTask
+from gameopt_im.core.corridor import SLACK_MPS, corridor, reference
+from gameopt_im.core.horizon import LONGEST, HorizonRules, HorizonTask, platoons
 from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.core.program import Sparse
 from gameopt_im.core.snapshot import Floats
@@ -34,6 +35,7 @@ TASK = HorizonTask(
     ps=np.array([1.0, 5.0, 0.8]),
     pv=np.array([1.0, 0.5, 2.5]),
     room=np.full((3, H), NEVER),
+    trails=np.zeros(3, dtype=np.bool_),
 )
 CORRIDOR, SPEED, CHANGE, REAR_END = range(4)
 
@@ -54,7 +56,7 @@ class Built(NamedTuple):
 
 
 def built(task: HorizonTask = TASK, slots: Floats = SLOTS) -> Built:
-    lanes = horizon.build(task, RULES, slots)
+    lanes = [(each.program(BLOCKS), each.reference.ravel()) for each in horizon.build(task, RULES, slots)]
     assert [len(reference) for _, reference in lanes] == [count * H for count in task.counts]
     P, A = (
         block_diag(*(dense(matrix) for matrix in one)) for one in zip(*((qp.P, qp.A) for qp, _ in lanes), strict=True)
@@ -120,20 +122,20 @@ def test_the_rows_are_ways_speeds_and_changes() -> None:
 def test_the_corridor_by_hand() -> None:
     # 2 s before its slot, at 10 m/s over the line: at most 2 * 10 - 2 * 2^2 / 2 = 16 m to go; at least, from 20 m/s
     # braked at 3 m/s^2, 2 * 10 + 3 * 2^2 / 2 = 26 m.
-    one = {name: getattr(TASK, name)[:1] for name in ("s", "v", "length", "a", "b", "top", "line_cap", "ps", "pv")}
-    task = HorizonTask(counts=(1,), room=np.full((1, 1), NEVER), **one)
-    least, most = horizon.corridor(task, np.array([5.0]), np.array([10.0]), np.array([3.0]))
-    assert (least.item(), most.item()) == (pytest.approx(60.0 - 26.0), pytest.approx(60.0 - 16.0))
-    least, most = horizon.corridor(task, np.array([5.0]), np.array([10.0]), np.array([6.0]))
-    assert (least.item(), most.item()) == (pytest.approx(60.0 + 10.0), NEVER)
+    least, most = corridor(60.0, 2.0, 4.5, 20.0, slot=5.0, line=10.0, end=3.0)
+    assert (least, most) == (pytest.approx(60.0 - 26.0), pytest.approx(60.0 - 16.0))
+    least, most = corridor(60.0, 2.0, 4.5, 20.0, slot=5.0, line=10.0, end=6.0)
+    assert (least, most) == (pytest.approx(60.0 + 10.0), NEVER)
 
 
 def test_the_corridor_bounds_the_way_of_the_program() -> None:
     qp = built()
-    line = horizon.reference(TASK.s, TASK.v, SLOTS, TASK.a, TASK.b, TASK.top, TASK.line_cap, MANNER, np.array(BLOCKS))[
-        1
+    t = TASK
+    line = reference(t.s, t.v, SLOTS, t.a, t.b, t.top, t.line_cap, MANNER, np.array(BLOCKS))[1]
+    both = [
+        [corridor(t.s[i], t.a[i], t.b[i], t.top[i], SLOTS[i], line[i], end) for end in ENDS] for i in range(len(t.s))
     ]
-    least, most = horizon.corridor(TASK, SLOTS, line, ENDS)
+    least, most = np.moveaxis(np.array(both), 2, 0)
     start, way = 0.5 * BLOCKS[0] * TASK.v[:, None], ways(TASK, qp.reference)
     assert np.count_nonzero(least < way) > H
     assert np.count_nonzero(way < most) > H
@@ -174,3 +176,21 @@ def test_a_follower_keeps_its_distance() -> None:
 def test_the_first_speed_is_on_the_way_to_the_first_blocks_end() -> None:
     u = np.repeat(np.array([15.0, 5.0, 12.0]), H)
     np.testing.assert_allclose(horizon.first_speeds(TASK, RULES, u), [11.0, 9.0, 12.0])
+
+
+def test_long_lanes_are_cut_into_platoons_alike_in_length() -> None:
+    counts, trails = platoons([LONGEST, 2 * LONGEST + 1, 1])
+    assert counts == (LONGEST, 7, 7, 7, 1)
+    assert np.flatnonzero(trails).tolist() == [LONGEST + 7, LONGEST + 14]
+    assert platoons([])[0] == ()
+
+
+def test_who_heads_a_later_platoon_stays_behind_the_reference_of_the_one_ahead() -> None:
+    cut = replace(TASK, counts=(1, 1, 1), trails=np.array([False, True, False]))
+    qp, near = built(cut), built(replace(cut, s=TASK.s - np.array([0.0, 12.0, 0.0])))
+    ahead = ways(TASK, qp.reference)[0] - 0.5 * BLOCKS[0] * TASK.v[1]
+    for made, gap in ((qp, 13.0), (near, 1.0)):  # 20 m, 8 m less its length and 2 m
+        own = ways(TASK, made.reference)[1] - 0.5 * BLOCKS[0] * TASK.v[1]
+        bound = np.maximum(ahead + gap, own) / ENDS + SLACK_MPS
+        assert (made.u[CORRIDOR].reshape(3, H)[1] <= bound + 1e-9).all()
+    assert (near.u[CORRIDOR].reshape(3, H)[1] < qp.u[CORRIDOR].reshape(3, H)[1]).any()

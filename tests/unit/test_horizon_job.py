@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
+import pytest
 
 from gameopt_im.core import horizon
 from gameopt_im.core.horizon import HorizonRules, HorizonTask
 from gameopt_im.core.kinematics import NEVER, Manner
-from gameopt_im.solver import horizon_job
-from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome
+from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome, PlatoonJob
 from gameopt_im.solver.jobs import solve
 
 RULES = HorizonRules(blocks=(0.5, 0.5, 1.0), trade_off=0.7, rear_gap=2.0, manner=Manner((1.0, 3.4), 0.5, 0.9))
 TASK = HorizonTask(
     counts=(2, 1), s=np.array([60.0, 80.0, 70.0]), v=np.array([10.0, 10.0, 12.0]), length=np.full(3, 5.0),
     a=np.full(3, 2.0), b=np.full(3, 4.5), top=np.full(3, 20.0), line_cap=np.full(3, 20.0), ps=np.ones(3),
-    pv=np.ones(3), room=np.full((3, 3), NEVER),
+    pv=np.ones(3), room=np.full((3, 3), NEVER), trails=np.zeros(3, dtype=np.bool_),
 )  # fmt: skip
 SLOTS = np.array([6.0, 9.0, 7.0])
 
@@ -30,36 +28,24 @@ def solved(slots: np.ndarray) -> HorizonOutcome:
 
 def test_speeds_and_j_are_those_of_all_lanes() -> None:
     outcome = solved(SLOTS)
-    alone = replace(TASK, counts=(1,), **{name: getattr(TASK, name)[2:] for name in TASK.__slots__ if name != "counts"})
-    third = solve(HorizonJob(alone, RULES, SLOTS[2:], 1e-3))
+    third = HorizonJob(TASK, RULES, SLOTS, 1e-3).programs()[1].solve()
     assert third is not None
-    assert outcome.speeds[2] == third.speeds[0]
-    assert outcome.objective > third.objective
+    assert outcome.speeds[2] == pytest.approx(12.0 + 0.2 * (third.x[0] - 12.0))  # 0.1 s of the first block's 0.5 s
     assert outcome.residual >= third.residual
 
 
-def test_a_lane_that_two_candidates_share_is_solved_once() -> None:
-    horizon_job._known.clear()
-    solved(SLOTS)
-    assert len(horizon_job._known) == 2
-    solved(np.array([6.0, 9.0, 11.0]))
-    assert len(horizon_job._known) == 3
-
-
 def test_what_was_solved_before_leaves_no_trace() -> None:
-    horizon_job._known.clear()
     once = solved(SLOTS)
-    for later in range(horizon_job.KNOWN_LANES):
+    for later in range(10):
         solved(SLOTS + 0.01 * later)
-    assert len(horizon_job._known) == horizon_job.KNOWN_LANES
     again = solved(SLOTS)
     assert (once.speeds.tobytes(), once.objective) == (again.speeds.tobytes(), again.objective)
 
 
-def test_a_program_without_a_solution_is_remembered_as_such() -> None:
-    qp, reference = horizon.build(TASK, RULES, SLOTS)[0]
-    crossed = replace(qp, l=qp.u + 1.0)
-    assert horizon_job._lane(crossed, reference, np.zeros(len(qp.l)), 1e-3) is None
+def test_a_program_without_a_solution_has_none() -> None:
+    platoon = horizon.build(TASK, RULES, SLOTS)[0]
+    crossed = platoon._replace(lower=platoon.upper + 1.0)
+    assert PlatoonJob(crossed, RULES.blocks, 1e-3, None).solve() is None
 
 
 def test_a_start_near_the_end_leads_to_the_same_solution() -> None:

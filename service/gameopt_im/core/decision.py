@@ -14,13 +14,14 @@ from gameopt_im.core import auction, interlock
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.granting import NO_SLOT, Grants, grant, intrusions
 from gameopt_im.core.interlock import CLEARED, UNCLEARED, Limits
+from gameopt_im.core.kinematics import NEVER, kernel
 from gameopt_im.core.leading import Scene
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.planning import Bidders
-from gameopt_im.core.reservations import Book, Reservation, crossing_time
+from gameopt_im.core.reservations import Book, Reservation, Rows, held_in
 from gameopt_im.core.scene import scene_of
-from gameopt_im.core.snapshot import NONE, Floats, Ints, Snapshot
-from gameopt_im.core.windows import HORIZON
+from gameopt_im.core.snapshot import NONE, Bools, Floats, Ints, Snapshot
+from gameopt_im.core.windows import HORIZON, crossing_time, step_at
 from gameopt_im.core.withdrawal import withdraw
 from gameopt_im.core.worst_cases import refresh
 from gameopt_wire import motion
@@ -45,29 +46,30 @@ def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
     by a vehicle that no longer names it and can stop; it lapses where its arrays end, for what its vehicle will do then
     is no longer known: the ground is held anew for whoever stands on it.
     """
-    able = interlock.can_stop(snapshot, ground)
-    place = {vehicle: i for i, vehicle in enumerate(snapshot.ids)}
-    accepted, lapsed, left, returned = [], [], [], []
-    for vehicle, reservation in list(book.held.items()):
-        i = place.get(vehicle)
-        if i is None or reservation.clearance == 0:
-            book.free(vehicle)
-            continue
-        if not reservation.accepted and int(snapshot.accepted[i]) == reservation.clearance:
-            book.accept(vehicle)
-            accepted.append(reservation)
-        x = -float(snapshot.heard_s[i])
-        if book.held[vehicle].accepted:
-            through = x - reservation.length >= ground.clear[reservation.movement]
-            if through and x >= ground.length[reservation.movement]:
-                left.append(book.free(vehicle))
-            elif int(snapshot.accepted[i]) == NONE and (reservation.withdrawn or able[i]):
-                returned.append(book.free(vehicle))
-            elif reservation.step(snapshot.cycle) >= HORIZON - 2 and snapshot.age[i] <= 0.0:
-                lapsed.append(book.free(vehicle))
-        elif snapshot.time_s - float(snapshot.age[i]) > reservation.expires_s + 1e-6:
-            lapsed.append(book.free(vehicle))
-    return Settled(tuple(accepted), tuple(lapsed), tuple(left), tuple(returned))
+    present = set(snapshot.ids)
+    for vehicle in [each.vehicle for each in book.held.values() if each.vehicle not in present or not each.clearance]:
+        book.free(vehicle)
+    row, rows = book.rows_of(snapshot.ids), book.rows
+    held, says = row >= 0, snapshot.accepted
+    taken = held & ~rows.accepted[row] & (says == rows.clearance[row])
+    accepted = held & (taken | rows.accepted[row])
+    movement, x = rows.movement[row], -snapshot.heard_s
+    left = accepted & (x - rows.length[row] >= ground.clear[movement]) & (x >= ground.length[movement])
+    may_drop = rows.withdrawn[row] | interlock.can_stop(snapshot, ground)
+    returned = accepted & ~left & (says == NONE) & may_drop
+    ended = (snapshot.cycle - rows.start[row] >= HORIZON - 2) & (snapshot.age <= 0.0)
+    expired = snapshot.time_s - snapshot.age > rows.expires_s[row] + 1e-6
+    lapsed = held & ~left & ~returned & np.where(accepted, ended, expired)
+
+    def of(mask: Bools) -> tuple[Reservation, ...]:
+        return tuple(book.held[snapshot.ids[i]] for i in np.flatnonzero(mask))
+
+    settled = Settled(of(taken), of(lapsed), of(left), of(returned))
+    for reservation in settled.accepted:
+        book.accept(reservation.vehicle)
+    for reservation in settled.lapsed + settled.left + settled.returned:
+        book.free(reservation.vehicle)
+    return settled
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +97,7 @@ def picture(snapshot: Snapshot, ground: Ground, book: Book, parameters: Paramete
 
 def _held_up(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, scene: Scene) -> Limits:
     """Rule 1 for those, too, whose clearance is asked back: the speed to drive by once they have dropped it."""
-    asked = book.asked(snapshot.ids)
+    asked = held_in(book.rows_of(snapshot.ids), book.rows.withdrawn)
     scene.asked[:] = asked
     if not asked.any():
         return limits
@@ -160,35 +162,39 @@ def conclude(
         aims = np.full(len(snapshot), NO_SLOT) if slotless else slots
         grants = grant(snapshot, ground, book, limits, picture.scene, order, aims, asking, parameters, next_clearance)
         _price(snapshot, book, who, winner, grants, parameters)
-    crossing = _follow_profiles(snapshot, book, limits, planned, slots)
-    held = sorted(crossing, key=crossing.__getitem__)
-    waiting = [i for i in order if snapshot.ids[i] not in book.held]
+    row = book.rows_of(snapshot.ids)
+    crosses = follow_profiles(row, book.rows, snapshot.cycle, snapshot.s, limits.phase, planned, slots)
+    held = np.flatnonzero(row >= 0)
     return Conclusion(
         speeds=interlock.bounded(planned, limits),
-        order=np.array([*held, *waiting], dtype=np.int64),
+        order=np.concatenate((held[np.argsort(crosses[held], kind="stable")], order[row[order] < 0])),
         slots=slots,
         grants=grants,
     )
 
 
-def _follow_profiles(
-    snapshot: Snapshot, book: Book, limits: Limits, planned: Floats, slots: Floats
-) -> dict[int, float]:
-    """Plan every vehicle with a clearance, taken or offered, onto its profile; when whoever holds ground crosses, s."""
-    crossing = {}
-    for i, vehicle in enumerate(snapshot.ids):
-        reservation = book.held.get(vehicle)
-        if reservation is None:
+@kernel
+def follow_profiles(
+    row: Ints, rows: Rows, cycle: int, s: Floats, phase: Ints, planned: Floats, slots: Floats
+) -> Floats:
+    """(n,): when whoever holds ground crosses the line, s from now; NEVER for the others.
+
+    Plans every vehicle with a clearance, taken or offered, onto its profile, and gives it its slot.
+    """
+    crosses = np.full(row.shape[0], NEVER)
+    for i in range(row.shape[0]):
+        r = row[i]
+        if r < 0:
             continue
-        crossing[i] = crossing_time(reservation, snapshot.cycle)
-        if reservation.clearance == 0:
+        k = step_at(rows.start[r], cycle)
+        crosses[i] = crossing_time(rows.x[r], rows.start[r], cycle)
+        if rows.clearance[r] == 0:
             continue
-        k = reservation.step(snapshot.cycle)
-        slots[i] = crossing[i]
-        if limits.phase[i] in (CLEARED, UNCLEARED):
-            ahead = float(reservation.v[min(k + 1, len(reservation.v) - 1)])
-            planned[i] = motion.tracking_speed(ahead, float(reservation.x[k] + snapshot.s[i]))
-    return crossing
+        slots[i] = crosses[i]
+        if phase[i] == CLEARED or phase[i] == UNCLEARED:
+            ahead = rows.v[r, min(k + 1, rows.v.shape[1] - 1)]
+            planned[i] = motion.tracking_speed(ahead, rows.x[r, k] + s[i])
+    return crosses
 
 
 def _price(

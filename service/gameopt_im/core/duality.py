@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gameopt_im.core.horizon import Bounds, HorizonRules, HorizonTask, cost, way_matrix
+from gameopt_im.core.corridor import Bounds
+from gameopt_im.core.horizon import HorizonRules, HorizonTask, cost, way_matrix
 from gameopt_im.core.kinematics import kernel
 from gameopt_im.core.snapshot import Floats, Ints
 

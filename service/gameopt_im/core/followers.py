@@ -7,13 +7,15 @@ and then, if it is slow, rule 2 brakes the second in the conflict zone: it comes
 
 from __future__ import annotations
 
+import numpy as np
+
 from gameopt_im.core.conflicts import Ground
-from gameopt_im.core.kinematics import kernel
-from gameopt_im.core.leading import BACK, SINCE, B, V, Ways, X, index_of_now, nobody, ways_of
+from gameopt_im.core.kinematics import NEVER, kernel
+from gameopt_im.core.leading import Room, Ways, ways_of
 from gameopt_im.core.profiles import RULE_TOLERANCE_MPS, follow
 from gameopt_im.core.reservations import Book, Reservation
 from gameopt_im.core.snapshot import Floats
-from gameopt_im.core.windows import time_at
+from gameopt_im.core.windows import step_at, time_at
 from gameopt_wire import motion
 
 
@@ -52,14 +54,13 @@ def _keeps_behind(
 
     The leader counts once its front is at `since`.
     """
-    ahead, steps = nobody(1), ways.x.shape[1]
-    ahead.number[0, B], ahead.number[0, BACK], ahead.number[0, SINCE] = lead_b, back, since
-    first = index_of_now(row, cycle, ways.start, steps)
+    steps = ways.x.shape[1]
+    room = Room(np.where(lead_x >= since, lead_x - back, NEVER)[None], lead_v[None], np.full(1, lead_b))
+    first = step_at(ways.start[row], cycle)
     for k in range(first, steps - 1):
         x, v = ways.late_x[row, k], ways.late_v[row, k]
         if x >= clear:
             return True
-        ahead.number[0, X], ahead.number[0, V] = lead_x[k - first], lead_v[k - first]  # where it is at this very step
-        if follow(x, v, b, 0, True, cycle, ahead, ways)[0] < ways.late_v[row, k + 1] - RULE_TOLERANCE_MPS:
+        if follow(x, v, b, k - first, room)[0] < ways.late_v[row, k + 1] - RULE_TOLERANCE_MPS:
             return False
     return True

@@ -10,7 +10,7 @@ from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.followers import holds_up
 from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER, manner_of
-from gameopt_im.core.leading import Ahead, Scene, Ways, ahead_of, ways_of
+from gameopt_im.core.leading import Ahead, Scene, Ways, ahead_of, room_behind, ways_of
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.profiles import drive, held_back
 from gameopt_im.core.reservations import Book, Reservation, Stack, clash
@@ -150,13 +150,13 @@ def _driven(
     x, v, late_x, late_v = (np.empty(HORIZON) for _ in range(4))
     nominal = drive(
         -float(snapshot.s[i]), float(snapshot.v[i]), slot, body, way, manner_of(planner),
-        scene.cycle, ahead, ways, x, v,
+        room_behind(ahead, False, scene.cycle, HORIZON, ways), x, v,
     )  # fmt: skip
     if nominal < 0:
         return None
     late = held_back(
         x[0], v[0], v, 0, (body[0], body[1], body[2]), way[2], law_of(i, scene),
-        scene.cycle, ahead, ways, late_x, late_v,
+        room_behind(ahead, True, scene.cycle, HORIZON, ways), late_x, late_v,
     )  # fmt: skip
     if late < 0:
         return None

@@ -9,12 +9,14 @@ The way covered is p_k = sum_{l <= k} D_l (u_{l-1} + u_l) / 2. Rows, all in m/s 
 With H = 1 and D_1 = Delta t this is the paper's program without its lateral rows, which the slots replace.
 The bounds are widened to hold the reference, the approach law's own way, with SLACK_MPS to spare: a solution
 exists, and not only on an edge, where the solver would spend its iterations.
-Lanes share no row, so each is a program of its own, and two candidates that leave a lane its slots share it.
-A depends on nothing but the lane's number of vehicles: workspaces live on and only values change.
+Lanes share no row, so each is a program of its own, and two candidates that leave a lane its slots share it. A lane of
+more than LONGEST is cut into platoons; whoever is first in a later one stays behind the reference of the one ahead.
+A depends on nothing but a platoon's number of vehicles: workspaces live on and only values change.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -22,22 +24,24 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from gameopt_im.core.kinematics import NEVER, Manner, approach, approach_speed, kernel
+from gameopt_im.core.corridor import Bounds, bounds_of
+from gameopt_im.core.kinematics import Manner
 from gameopt_im.core.program import QP, Csc
-from gameopt_im.core.snapshot import Floats, Ints
-from gameopt_wire import motion
+from gameopt_im.core.snapshot import Bools, Floats, Ints
 from gameopt_wire.messages import STEP_S
 
-SLACK_MPS = 0.1
-"""Play left around the reference, m/s (of the mean speed for the corridor, of a change of speed for the boxes)."""
+LONGEST = 10
+"""Vehicles in one program at the most: the solver takes many times as long for twice as many."""
 
 
 @dataclass(frozen=True, slots=True)
 class HorizonTask:
     """What the candidates of one control cycle share: n uncleared vehicles, lane by lane, front to back.
 
-    `counts` are the lanes' numbers of vehicles. `room` (n, H) is how far each may go behind a cleared leader by
-    the end of each block, NEVER where it has none. The rest as in `Demand`; `ps`, `pv` the priorities.
+    `counts` are the platoons' numbers of vehicles: a lane is one, or several of `LONGEST` at the most, of which the
+    later begin with a vehicle that `trails` (n,) the one before it in the arrays. `room` (n, H) is how far each may go
+    behind a cleared leader by the end of each block, NEVER where it has none. The rest as in `Demand`; `ps`, `pv` the
+    priorities.
     """
 
     counts: tuple[int, ...]
@@ -51,6 +55,20 @@ class HorizonTask:
     ps: Floats
     pv: Floats
     room: Floats
+    trails: Bools
+
+
+def platoons(lanes: Sequence[int]) -> tuple[tuple[int, ...], Bools]:
+    """(counts, trails) as in `HorizonTask`, from the lanes' numbers of vehicles: parts as equal as may be."""
+    counts: list[int] = []
+    trails = np.zeros(sum(lanes), dtype=np.bool_)
+    for count in lanes:
+        parts = -(-count // LONGEST)
+        for part in range(parts):
+            if part:
+                trails[sum(counts)] = True
+            counts.append(count // parts + (part < count % parts))
+    return tuple(counts), trails
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,134 +150,38 @@ def cost(task: HorizonTask, rules: HorizonRules) -> tuple[Floats, Floats]:
     return data, q
 
 
-@kernel
-def reference(
-    s: Floats,
-    v: Floats,
-    slot: Floats,
-    a: Floats,
-    b: Floats,
-    top: Floats,
-    cap: Floats,
-    manner: Manner,
-    blocks: Floats,
-) -> tuple[Floats, Floats, Floats]:
-    """(speeds at block ends (n, H), line speed (n,), first rate (n,)) of each vehicle driving the approach law."""
-    n, h = s.shape[0], blocks.shape[0]
-    out, line, first = np.empty((n, h)), np.empty(n), np.empty(n)
-    for i in range(n):
-        plan = approach(s[i], v[i], slot[i], a[i], b[i], top[i], cap[i], manner)
-        line[i], first[i] = plan[2], plan[1]
-        turn_b = min(motion.TURN_DECEL_MPS2, b[i])
-        room, speed, k = s[i], v[i], 0
-        for j in range(h):
-            for _ in range(round(blocks[j] / STEP_S)):
-                if room > 0.0:
-                    u = approach_speed(
-                        room,
-                        speed,
-                        slot[i] - k * STEP_S,
-                        plan[0],
-                        plan[1],
-                        a[i],
-                        top[i],
-                        cap[i],
-                        turn_b,
-                        STEP_S,
-                    )
-                    u = min(u, motion.turn_speed(room, speed, b[i], STEP_S, cap[i]))
-                else:
-                    u = min(cap[i], speed + a[i] * STEP_S)
-                u = max(0.0, u, speed - b[i] * STEP_S)
-                room -= 0.5 * STEP_S * (speed + u)
-                speed = u
-                k += 1
-            out[i, j] = speed
-    return out, line, first
+def bounds(task: HorizonTask, rules: HorizonRules, slot: Floats) -> Bounds:
+    """The bounds of one candidate."""
+    return bounds_of(
+        task.s, task.v, task.length, task.a, task.b, task.top, task.line_cap, task.room, task.trails, slot,
+        np.array(rules.blocks), rules.manner, rules.rear_gap,
+    )  # fmt: skip
 
 
-def corridor(task: HorizonTask, slot: Floats, line: Floats, ends: Floats) -> tuple[Floats, Floats]:
-    """(least, most) way by the end of each block, both (n, H), m, for crossing at `slot` with speed `line`.
+class Platoon(NamedTuple):
+    """The values of the program of m vehicles: P's data (m, 2 H - 1), q (m, H), l and u (m, 4, H); and the reference,
+    which they hold, as a warm start (m, H)."""
 
-    Most: at time tau before its slot the vehicle is at least where it has to start, accelerating at a, to reach
-    the line speed at the line. Least: no farther from the line than full speed, braked for a turn, covers.
-    """
-    tau = slot[:, None] - ends[None, :]
-    to_go = np.maximum(tau, 0.0)
-    line_, a = line[:, None], task.a[:, None]
-    run = np.minimum(to_go, line_ / a)
-    nearest = line_ * run - 0.5 * a * run**2
-    turn_b = np.minimum(motion.TURN_DECEL_MPS2, task.b)[:, None]
-    faster = np.minimum(to_go, np.maximum(task.top[:, None] - line_, 0.0) / turn_b)
-    farthest = line_ * to_go + turn_b * faster * (to_go - 0.5 * faster)
-    past = np.maximum(-tau, 0.0) * line_
-    most = np.where(tau > 0.0, task.s[:, None] - nearest, NEVER)
-    return task.s[:, None] - farthest + past, most
-
-
-@dataclass(frozen=True, slots=True)
-class Bounds:
-    """l and u of every row of one candidate, (n, 4, H): corridor, speed, change, and the rear end behind the vehicle
-    ahead in the arrays, which the first of a lane does not follow: its row is in no program.
-
-    `reference` (n, H) is the approach law's way, which they hold.
-    """
-
+    cost: Floats
+    q: Floats
     lower: Floats
     upper: Floats
     reference: Floats
 
-
-def bounds(task: HorizonTask, rules: HorizonRules, slot: Floats) -> Bounds:
-    """The bounds of one candidate."""
-    blocks = np.array(rules.blocks)
-    ends = np.cumsum(blocks)
-    u_ref, line, rate = reference(task.s, task.v, slot, task.a, task.b, task.top, task.line_cap, rules.manner, blocks)
-    start = 0.5 * blocks[0] * task.v[:, None]
-    p_ref = u_ref @ way_matrix(rules.blocks).T + start
-    least, most = corridor(task, slot, line, ends)
-    most = np.minimum(most, task.room)
-    lower = np.full((len(task.s), 4, len(blocks)), -np.inf)
-    upper = np.full_like(lower, np.inf)
-    lower[:, 0] = (np.minimum(least, p_ref) - start) / ends - SLACK_MPS
-    upper[:, 0] = (np.maximum(most, p_ref) - start) / ends + SLACK_MPS
-    lower[:, 1] = 0.0
-    upper[:, 1] = np.maximum(task.top[:, None], u_ref)
-
-    change = np.diff(u_ref, axis=1, prepend=task.v[:, None])
-    decels = rules.manner.decels
-    brake = np.maximum(np.maximum(-rate, decels[min(1, len(decels) - 1)]), 0.0)[:, None]
-    lower[:, 2] = np.minimum(-brake * blocks, change) - SLACK_MPS
-    upper[:, 2] = np.maximum(task.a[:, None] * blocks, change) + SLACK_MPS
-    lower[:, 2, 0] += task.v
-    upper[:, 2, 0] += task.v
-
-    gap = task.s[1:] - task.s[:-1] - task.length[:-1] - rules.rear_gap
-    behind = np.maximum(gap[:, None], p_ref[1:] - p_ref[:-1])
-    upper[1:, 3] = (behind - (start[1:] - start[:-1])) / ends + SLACK_MPS
-    return Bounds(lower, upper, u_ref)
-
-
-def build(task: HorizonTask, rules: HorizonRules, slot: Floats) -> list[tuple[QP, Floats]]:
-    """(program, the reference as a warm start (m * H,)) of each lane of one candidate: lanes share no row."""
-    h = len(rules.blocks)
-    given = bounds(task, rules, slot)
-    data, q = cost(task, rules)
-    made = []
-    first = 0
-    for count in task.counts:
-        lane = slice(first, first + count)
+    def program(self, blocks: tuple[float, ...]) -> QP:
+        """The program; all of one size have the same A."""
+        count, h = self.q.shape
         pattern = _cost_pattern(count, h)
-        qp = QP(
-            Csc(pattern.shape, data[lane].ravel(), pattern.indices, pattern.indptr),
-            q[lane].ravel(),
-            rows(count, rules.blocks),
-            in_rows(given.lower[lane]),
-            in_rows(given.upper[lane]),
-        )
-        made.append((qp, given.reference[lane].ravel()))
-        first += count
-    return made
+        p = Csc(pattern.shape, self.cost.ravel(), pattern.indices, pattern.indptr)
+        return QP(p, self.q.ravel(), rows(count, blocks), in_rows(self.lower), in_rows(self.upper))
+
+
+def build(task: HorizonTask, rules: HorizonRules, slot: Floats) -> list[Platoon]:
+    """The programs of one candidate: platoons share no row."""
+    given = bounds(task, rules, slot)
+    whole = Platoon(*cost(task, rules), given.lower, given.upper, given.reference)
+    ends = np.cumsum(task.counts)
+    return [Platoon(*(part[end - count : end] for part in whole)) for count, end in zip(task.counts, ends, strict=True)]
 
 
 def in_rows(values: Floats) -> Floats:

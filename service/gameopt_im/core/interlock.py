@@ -16,7 +16,7 @@ from gameopt_im.core.diverging import spans
 from gameopt_im.core.kinematics import NEVER, kernel
 from gameopt_im.core.parameters import Exit
 from gameopt_im.core.profiles import RULE_TOLERANCE_MPS
-from gameopt_im.core.reservations import Book
+from gameopt_im.core.reservations import Book, held_in
 from gameopt_im.core.snapshot import FOREIGN, Bools, Floats, Ints, Snapshot
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
@@ -60,10 +60,7 @@ def phases(snapshot: Snapshot, ground: Ground, book: Book) -> Ints:
     over = (x >= ground.length[snapshot.movement]) & clear
     phase = np.where(over, EXITING, UNCLEARED)
     phase[(phase == UNCLEARED) & (~can_stop(snapshot, ground) | (snapshot.accepted == FOREIGN))] = INTRUDING
-    for i, vehicle in enumerate(snapshot.ids):
-        reservation = book.held.get(vehicle)
-        if reservation is not None and reservation.accepted and phase[i] != EXITING:
-            phase[i] = CLEARED
+    phase[held_in(book.rows_of(snapshot.ids), book.rows.accepted) & ~over] = CLEARED
     return phase
 
 
@@ -85,26 +82,40 @@ def lane_leaders(
     movement parts from the follower's (`apart`) leads it no more. Ahead is who is so even where it may be at worst:
     who is silent must not be taken to have overtaken.
     """
-    n = x.shape[0]
-    leader = np.full((n, rank.max() + 1), -1, np.int64)
-    for i in range(n):
-        for j in range(n):
-            ahead = worst_x[j] > x[i] or (worst_x[j] == x[i] and j < i)
-            parted = worst_x[j] - length[j] >= apart[movement[i], movement[j]]
-            if j == i or lane[j] != lane[i] or not ahead or parted:
-                continue
-            r = rank[movement[j]]
-            if leader[i, r] < 0 or worst_x[j] < worst_x[leader[i, r]]:
-                leader[i, r] = j
+    leader = np.full((x.shape[0], rank.max() + 1), -1, np.int64)
+    together, since = by_group(lane)
+    for g in range(since.shape[0] - 1):
+        lane_mates = together[since[g] : since[g + 1]]
+        for i in lane_mates:
+            for j in lane_mates:
+                ahead = worst_x[j] > x[i] or (worst_x[j] == x[i] and j < i)
+                parted = worst_x[j] - length[j] >= apart[movement[i], movement[j]]
+                if j == i or not ahead or parted:
+                    continue
+                r = rank[movement[j]]
+                if leader[i, r] < 0 or worst_x[j] < worst_x[leader[i, r]]:
+                    leader[i, r] = j
     return leader
 
 
+@kernel
+def by_group(group: Ints) -> tuple[Ints, Ints]:
+    """(n,) the indices of n members by their group's number, and where each group begins in them, and the end."""
+    together = np.argsort(group, kind="mergesort")
+    names = group[together]
+    changes = np.flatnonzero(names[1:] != names[:-1]) + 1
+    return together, np.concatenate((np.array([0]), changes, np.array([together.shape[0]])))
+
+
+@kernel
 def nearest(leaders: Ints, x: Floats) -> Ints:
     """(n,): the nearest of several leaders, -1 where there is none."""
-    if not len(leaders):
-        return np.empty(0, dtype=np.int64)
-    ahead = np.where(leaders >= 0, x[leaders], np.inf)
-    return np.asarray(leaders[np.arange(len(leaders)), np.argmin(ahead, axis=1)])
+    first = np.full(leaders.shape[0], -1, np.int64)
+    for i in range(leaders.shape[0]):
+        for j in leaders[i]:
+            if j >= 0 and (first[i] < 0 or x[j] < x[first[i]]):
+                first[i] = j
+    return first
 
 
 @kernel
@@ -114,14 +125,16 @@ def exit_leaders(exit_lane: Ints, along: Floats, worst: Floats) -> Ints:
     `along` is the front's distance past the start of the exit lane, `worst` the same at worst; only leaders surely
     on it (worst >= 0) count.
     """
-    n = along.shape[0]
-    leader = np.full(n, -1, np.int64)
-    for i in range(n):
-        for j in range(n):
-            if j == i or exit_lane[j] != exit_lane[i] or worst[j] < 0.0 or worst[j] <= along[i]:
-                continue
-            if leader[i] < 0 or worst[j] < worst[leader[i]]:
-                leader[i] = j
+    leader = np.full(along.shape[0], -1, np.int64)
+    together, since = by_group(exit_lane)
+    for g in range(since.shape[0] - 1):
+        bound_alike = together[since[g] : since[g + 1]]
+        for i in bound_alike:
+            for j in bound_alike:
+                if j == i or worst[j] < 0.0 or worst[j] <= along[i]:
+                    continue
+                if leader[i] < 0 or worst[j] < worst[leader[i]]:
+                    leader[i] = j
     return leader
 
 

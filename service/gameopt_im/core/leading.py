@@ -12,13 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from gameopt_im.core.kinematics import NEVER, kernel
-from gameopt_im.core.reservations import Rows
+from gameopt_im.core.reservations import LOOSE, Rows
 from gameopt_im.core.snapshot import Bools, Floats, Ints
+from gameopt_im.core.windows import step_at
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
-
-LOOSE = -1
-"""In place of a row: nothing is known of where this leader goes."""
 
 
 class Scene(NamedTuple):
@@ -90,42 +88,47 @@ def ways_of(rows: Rows) -> Ways:
     return Ways(rows.x, rows.v, rows.late_x, rows.late_v, rows.start)
 
 
-@kernel
-def index_of_now(row: int, cycle: int, start: Ints, steps: int) -> int:
-    """The index of a control cycle in a row's arrays."""
-    return int(min(max(cycle - start[row], 0), steps - 1))
+class Room(NamedTuple):
+    """Where m leaders let a vehicle go, step by step from now: no farther than `x` (m, K), NEVER where one does not
+    count, behind whom is at `v` (m, K) then and brakes at `b` (m,)."""
+
+    x: Floats
+    v: Floats
+    b: Floats
 
 
 @kernel
-def room_behind(m: int, k: int, late: bool, cycle: int, ahead: Ahead, ways: Ways) -> tuple[float, float]:
-    """(room, speed) of leader m at step k from now, in the worst case if `late`; NEVER where it does not count.
+def room_behind(ahead: Ahead, late: bool, cycle: int, steps: int, ways: Ways) -> Room:
+    """The room behind leaders for `steps` steps from now, in the worst case if `late`.
 
     Past its end a profile goes on at its last speed. If it stood still there its follower's would stop behind it, that
     one's follower's a little sooner, and so on through an unbroken platoon, until a vehicle stops in the conflict zone
     for nothing. Worst cases may stand still: they are brought up to date every control cycle.
     """
-    row, number = ahead.row[m], ahead.number[m]
-    if row >= 0:
-        last = ways.x.shape[1] - 1
-        at = index_of_now(row, cycle, ways.start, last + 1) + k
-        over = max(0, at - last)
-        at = min(at, last)
-        if late:
-            x, v = ways.late_x[row, at], ways.late_v[row, at]
-        else:
-            v = ways.v[row, at]
-            x = ways.x[row, at] + v * STEP_S * over
-    else:
-        time, x, v = k * STEP_S, number[X], number[V]
-        if late:
-            moving = min(time, v / number[B])
-            x = x + v * moving - 0.5 * number[B] * (moving * moving)
-            v = max(0.0, v - number[B] * time)
-        else:
-            x = x + v * time
-    if x + number[SHIFT] < number[SINCE] or x >= number[UNTIL]:
-        return NEVER, v
-    return x - number[BACK], v
+    count, last = ahead.row.shape[0], ways.x.shape[1] - 1
+    room = Room(np.empty((count, steps)), np.empty((count, steps)), ahead.number[:, B].copy())
+    way_x, way_v = (ways.late_x, ways.late_v) if late else (ways.x, ways.v)
+    for m in range(count):
+        row, number = ahead.row[m], ahead.number[m]
+        back, shift, since, until = number[BACK], number[SHIFT], number[SINCE], number[UNTIL]
+        first = step_at(ways.start[row], cycle) if row >= 0 else 0
+        for k in range(steps):
+            if row >= 0:
+                at = min(first + k, last)
+                x, v = way_x[row, at], way_v[row, at]
+                if not late:
+                    x = x + v * STEP_S * max(0, first + k - last)
+            else:
+                time, x, v = k * STEP_S, number[X], number[V]
+                if late:
+                    moving = min(time, v / number[B])
+                    x = x + v * moving - 0.5 * number[B] * (moving * moving)
+                    v = max(0.0, v - number[B] * time)
+                else:
+                    x = x + v * time
+            room.x[m, k] = NEVER if x + shift < since or x >= until else x - back
+            room.v[m, k] = v
+    return room
 
 
 @kernel
@@ -154,10 +157,12 @@ def _place_stranger(m: int, i: int, scene: Scene, ahead: Ahead) -> None:
 @kernel
 def ahead_of(i: int, scene: Scene) -> Ahead:
     """The vehicles that i has to stay behind: its lane leaders, whoever is bound for its exit lane, and a stranger."""
-    ahead = nobody(scene.x.shape[0] + scene.leaders.shape[1] + 1)
+    lane, bound = scene.lane[i], scene.bound[i]
+    merging = (scene.lane != lane) & (scene.bound == bound) & ~scene.uncleared
+    ahead = nobody(int(np.count_nonzero(merging)) + scene.leaders.shape[1] + 1)
     number, m = ahead.number, 0
     for j in range(scene.x.shape[0]):
-        if scene.lane[j] == scene.lane[i] or scene.bound[j] != scene.bound[i] or scene.uncleared[j]:
+        if not merging[j]:
             continue
         _place(m, j, scene, ahead)
         number[m, SHIFT] = scene.path[i] - scene.path[j]

@@ -11,15 +11,16 @@ import numpy as np
 from gameopt_im.core import auction, bids
 from gameopt_im.core.conflicts import Ground, groups
 from gameopt_im.core.dispatch import schedules
-from gameopt_im.core.horizon import HorizonRules, HorizonTask
+from gameopt_im.core.horizon import HorizonRules, HorizonTask, platoons
 from gameopt_im.core.interlock import UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER, kernel, manner_of
 from gameopt_im.core.parameters import Parameters
-from gameopt_im.core.reservations import Book, Stack, blocked_windows, crossing_time
+from gameopt_im.core.reservations import Book, Stack, blocked_windows
 from gameopt_im.core.slots import Demand, Rules, weighted_delay
 from gameopt_im.core.snapshot import Floats, Ints, Snapshot
-from gameopt_im.core.windows import time_at
+from gameopt_im.core.windows import HORIZON, time_at
 from gameopt_wire import motion
+from gameopt_wire.messages import STEP_S
 
 INCUMBENT = -1
 """In place of a weight vector's number."""
@@ -60,8 +61,8 @@ def bidders(
     snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, parameters: Parameters, candidates: int
 ) -> Bidders:
     """Who takes part in this control cycle's auction, and with which bids."""
-    held = np.array([vehicle in book.held for vehicle in snapshot.ids], dtype=np.bool_)
-    index = np.flatnonzero((limits.phase == UNCLEARED) & ~held & ~snapshot.silent)
+    row = book.rows_of(snapshot.ids)
+    index = np.flatnonzero((limits.phase == UNCLEARED) & (row < 0) & ~snapshot.silent)
     size = np.bincount(snapshot.lane[index])
     lane = snapshot.lane[index]
     index = index[np.lexsort((snapshot.s[index], lane, -size[lane]))]
@@ -137,7 +138,7 @@ def _floors(snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, parame
         j = int(limits.leader[i])
         reservation = book.held.get(snapshot.ids[j]) if j >= 0 else None
         if reservation is not None and reservation.clearance:
-            cross = crossing_time(reservation, snapshot.cycle)
+            cross = reservation.crosses(snapshot.cycle)
             first = reservation.step(snapshot.cycle)
             back = reservation.length + motion.REAR_GAP_M
             passed = float(time_at(reservation.x, first, back))
@@ -254,6 +255,7 @@ def horizon_task(
     """What the horizon programs of all candidates share."""
     ends = np.cumsum(parameters.program.blocks_s)
     room = np.full((len(who), len(ends)), NEVER)
+    after = np.round(ends / STEP_S).astype(np.int64)
     head = 0
     for count in who.counts:
         i = who.index[head]
@@ -263,12 +265,12 @@ def horizon_task(
             if reservation is None or not reservation.clearance:
                 ahead = -snapshot.s[j] + snapshot.v[j] * ends
             else:
-                steps = reservation.step(snapshot.cycle) + np.round(ends * 10).astype(np.int64)
-                ahead = reservation.x[np.minimum(steps, len(reservation.x) - 1)]
+                ahead = reservation.x[np.minimum(reservation.step(snapshot.cycle) + after, HORIZON - 1)]
             room[head] = ahead - snapshot.length[j] - parameters.program.rear_gap_m + snapshot.s[i]
         head += count
+    counts, trails = platoons(who.counts)
     return HorizonTask(
-        counts=who.counts,
+        counts=counts,
         s=problem.s,
         v=problem.v,
         length=problem.length,
@@ -279,4 +281,5 @@ def horizon_task(
         ps=snapshot.speed_priority[who.index],
         pv=snapshot.variation_priority[who.index],
         room=room,
+        trails=trails,
     )

@@ -9,7 +9,7 @@ makes it, and slows down to open its headway once it is clear.
 from __future__ import annotations
 
 from gameopt_im.core.kinematics import NEVER, Manner, approach, approach_speed, kernel
-from gameopt_im.core.leading import Ahead, B, Ways, room_behind
+from gameopt_im.core.leading import Room
 from gameopt_im.core.snapshot import Floats
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
@@ -21,19 +21,16 @@ STOP_PLAY_M = 0.03
 
 
 @kernel
-def follow(
-    x: float, v: float, b: float, k: int, late: bool, cycle: int, ahead: Ahead, ways: Ways
-) -> tuple[float, bool]:
+def follow(x: float, v: float, b: float, k: int, room: Room) -> tuple[float, bool]:
     """(rule 2 at step k behind every leader, m/s; whether it can be kept by braking fully)."""
     u, possible = NEVER, True
     floor = v - b * STEP_S
-    for m in range(ahead.row.shape[0]):
-        room, lead_v = room_behind(m, k, late, cycle, ahead, ways)
-        if room >= NEVER:
+    for m in range(room.b.shape[0]):
+        if room.x[m, k] >= NEVER:
             continue
-        lead_b = ahead.number[m, B]
-        rule = motion.follow_speed(room - x, v, b, lead_v, lead_b, STEP_S)
-        if rule < floor and motion.follow_speed(room - x + STOP_PLAY_M, v, b, lead_v, lead_b, STEP_S) < floor:
+        gap, lead_v, lead_b = room.x[m, k] - x, room.v[m, k], room.b[m]
+        rule = motion.follow_speed(gap, v, b, lead_v, lead_b, STEP_S)
+        if rule < floor and motion.follow_speed(gap + STOP_PLAY_M, v, b, lead_v, lead_b, STEP_S) < floor:
             possible = False
         u = min(u, rule)
     return u, possible
@@ -47,9 +44,7 @@ def drive(
     body: tuple[float, float, float, float, float],
     way: tuple[float, float, float, float, float],
     manner: Manner,
-    cycle: int,
-    ahead: Ahead,
-    ways: Ways,
+    room: Room,
     x: Floats,
     v: Floats,
 ) -> int:
@@ -84,7 +79,7 @@ def drive(
             else:
                 u = v[k] + a * STEP_S
             u = min(u, limit)
-        rule, possible = follow(x[k], v[k], b, k, False, cycle, ahead, ways)
+        rule, possible = follow(x[k], v[k], b, k, room)
         if done < 0 and not possible:
             return -1
         u = max(0.0, min(u, rule), v[k] - b * STEP_S)
@@ -104,9 +99,7 @@ def held_back(
     body: tuple[float, float, float],
     clear: float,
     law: tuple[float, float, float],
-    cycle: int,
-    ahead: Ahead,
-    ways: Ways,
+    room: Room,
     late_x: Floats,
     late_v: Floats,
 ) -> int:
@@ -122,7 +115,7 @@ def held_back(
     late_x[first], late_v[first] = x0, v0
     done, kept = first if x0 - length >= clear else -1, True
     for k in range(first, v.shape[0] - 1):
-        rule, possible = follow(late_x[k], late_v[k], b, k - first, True, cycle, ahead, ways)
+        rule, possible = follow(late_x[k], late_v[k], b, k - first, room)
         kept = kept and (possible or done >= 0)
         u = min(v[k + 1], late_v[k] + a * STEP_S)
         if done >= 0:

@@ -10,10 +10,10 @@ import numpy as np
 
 from gameopt_im.core.kinematics import kernel
 from gameopt_im.core.snapshot import Bools, Floats, Ints
-from gameopt_im.core.windows import HORIZON, occupancy, overlap
-from gameopt_wire.messages import STEP_S
+from gameopt_im.core.windows import HORIZON, crossing_time, occupancy, overlap, step_at
 
-Occupancy = tuple[float, float, float, float]
+LOOSE = -1
+"""In place of a row: no reservation, and nothing is known of where that vehicle goes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,11 @@ class Reservation:
 
     def step(self, cycle: int) -> int:
         """The index of a control cycle in the arrays."""
-        return min(max(cycle - self.start, 0), HORIZON - 1)
+        return int(step_at(self.start, cycle))
+
+    def crosses(self, cycle: int) -> float:
+        """When its front crosses the line, s from a control cycle; negative once it has."""
+        return float(crossing_time(self.x, self.start, cycle))
 
     def speeds(self) -> list[float]:
         """The offered speeds, up to the step at which the rear is clear in the nominal case."""
@@ -67,13 +71,23 @@ class Rows(NamedTuple):
     footprint: Ints
     length: Floats
     b: Floats
+    clearance: Ints
+    expires_s: Floats
+    accepted: Bools
+    withdrawn: Bools
 
 
 def _rows(count: int) -> Rows:
     x, v, late_x, late_v = np.zeros((4, count, HORIZON))
-    start, movement, footprint = np.zeros((3, count), np.int64)
-    length, b = np.zeros((2, count))
-    return Rows(x, v, late_x, late_v, start, movement, footprint, length, b)
+    start, movement, footprint, clearance = np.zeros((4, count), np.int64)
+    length, b, expires_s = np.zeros((3, count))
+    accepted, withdrawn = np.zeros((2, count), np.bool_)
+    return Rows(x, v, late_x, late_v, start, movement, footprint, length, b, clearance, expires_s, accepted, withdrawn)
+
+
+def held_in(row: Ints, column: Bools) -> Bools:
+    """(n,): what a column of `Rows` says of each vehicle's reservation; false where it has none."""
+    return np.asarray((row >= 0) & column[row])
 
 
 class Stack(NamedTuple):
@@ -121,15 +135,16 @@ class Book:
     def accept(self, vehicle: str) -> None:
         """The vehicle has taken its clearance: from now on it holds the ground until it has left it."""
         self.held[vehicle] = replace(self.held[vehicle], accepted=True)
+        self.rows.accepted[self.row[vehicle]] = True
 
     def withdraw(self, vehicle: str, withdrawn: bool = True) -> None:
         """Ask for the clearance back, or no longer; the ground is held until the vehicle has said that it drops it."""
         self.held[vehicle] = replace(self.held[vehicle], withdrawn=withdrawn)
+        self.rows.withdrawn[self.row[vehicle]] = withdrawn
 
-    def asked(self, vehicles: Sequence[str]) -> Bools:
-        """(n,): whose clearance is asked back."""
-        held = [self.held.get(vehicle) for vehicle in vehicles]
-        return np.array([each is not None and each.withdrawn for each in held], dtype=np.bool_)
+    def rows_of(self, vehicles: Sequence[str]) -> Ints:
+        """(n,): the row of each vehicle's reservation, LOOSE where it has none."""
+        return np.array([self.row.get(vehicle, LOOSE) for vehicle in vehicles], dtype=np.int64)
 
     def price(self, vehicle: str, price: float, bid: float) -> None:
         """What the clearance costs when it is taken, and the bid it was won with."""
@@ -217,18 +232,3 @@ def blocked_windows(
             out[i, r, 0], out[i, r, 1] = other[0], other[1]
             out[i, r, 2], out[i, r, 3] = mine[0], mine[1] + length[i]
     return out
-
-
-def crossing_time(reservation: Reservation, cycle: int) -> float:
-    """When a reservation's front crosses the line, s from the control cycle; negative once it has."""
-    return float(_crosses(reservation.x, reservation.step(cycle), cycle - reservation.start))
-
-
-@kernel
-def _crosses(x: Floats, step: int, since: int) -> float:
-    k = np.searchsorted(x, 0.0)
-    if k == 0 or k >= x.shape[0]:
-        return -step * STEP_S
-    before, after = x[k - 1], x[k]
-    part = -before / (after - before) if after > before else 0.0
-    return (k - 1 + part - since) * STEP_S

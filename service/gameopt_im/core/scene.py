@@ -8,10 +8,10 @@ from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.diverging import spans
 from gameopt_im.core.interlock import EXITING, UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER, kernel
-from gameopt_im.core.leading import LOOSE, Scene, Ways, ahead_on_exit, ways_of
+from gameopt_im.core.leading import Scene, Ways, ahead_on_exit, room_behind, ways_of
 from gameopt_im.core.parameters import Exit
 from gameopt_im.core.profiles import held_back
-from gameopt_im.core.reservations import Book
+from gameopt_im.core.reservations import Book, held_in
 from gameopt_im.core.snapshot import Ints, Snapshot
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
@@ -24,6 +24,7 @@ def scene_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, law
     exit law make them, the first of them for a vehicle that may stand just out of sight.
     """
     book.make_room(2 * len(snapshot))  # whoever exits now, and whoever is granted a clearance after this
+    row = book.rows_of(snapshot.ids)
     movement = snapshot.movement
     path = ground.length[movement]
     exiting = np.flatnonzero(limits.phase == EXITING)
@@ -52,9 +53,9 @@ def scene_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, law
         sight=path + np.minimum(ground.exit_length[movement], law.sight_m),
         decel=max(law.decel_mps2, motion.OPENING_DECEL_MPS2),
         apart=ground.apart,
-        way=np.array([book.row.get(vehicle, LOOSE) for vehicle in snapshot.ids], dtype=np.int64),
+        way=row,
         exiting=np.zeros(len(snapshot), dtype=np.bool_),
-        asked=book.asked(snapshot.ids),
+        asked=held_in(row, book.rows.withdrawn),
     )
     drive_exits(exiting, scene, ways_of(book.rows))
     return scene
@@ -63,16 +64,17 @@ def scene_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, law
 @kernel
 def drive_exits(exiting: Ints, scene: Scene, ways: Ways) -> None:
     """Fill in the ways of the vehicles `exiting`, front to back, and say in the scene who has which."""
+    steps = ways.x.shape[1]
     for n in range(exiting.shape[0]):
         i, row = exiting[n], ways.start.shape[0] - 1 - n
         x0, v0 = scene.x[i], scene.v[i]
         ways.start[row] = scene.cycle
-        for k in range(ways.x.shape[1]):
+        for k in range(steps):
             ways.x[row, k] = x0 + v0 * (k * STEP_S)
             ways.v[row, k] = v0
         held_back(
             x0, v0, ways.v[row], 0, (scene.length[i], scene.a[i], scene.b[i]), -NEVER, law_of(i, scene),
-            scene.cycle, ahead_on_exit(i, scene), ways, ways.late_x[row], ways.late_v[row],
+            room_behind(ahead_on_exit(i, scene), True, scene.cycle, steps, ways), ways.late_x[row], ways.late_v[row],
         )  # fmt: skip
         scene.way[i], scene.exiting[i] = row, True
 

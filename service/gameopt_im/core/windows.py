@@ -7,12 +7,31 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from gameopt_im.core.kinematics import NEVER, kernel
 from gameopt_im.core.snapshot import Floats
 from gameopt_wire.messages import STEP_S
 
 HORIZON = 320
 """Steps of a way: 32 s. A crossing that takes longer is not granted."""
+
+
+@kernel
+def step_at(start: int, cycle: int) -> int:
+    """The index of a control cycle in the arrays of a way that begins with control cycle `start`."""
+    return min(max(cycle - start, 0), HORIZON - 1)
+
+
+@kernel
+def crossing_time(x: Floats, start: int, cycle: int) -> float:
+    """When the front crosses the line on a way from control cycle `start`, s from another; negative once it has."""
+    k = np.searchsorted(x, 0.0)
+    if k == 0 or k >= x.shape[0]:
+        return -step_at(start, cycle) * STEP_S
+    before, after = x[k - 1], x[k]
+    part = -before / (after - before) if after > before else 0.0
+    return float((k - 1 + part - (cycle - start)) * STEP_S)
 
 
 @kernel

@@ -16,7 +16,7 @@ from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.interlock import UNCLEARED, Limits, can_stop
 from gameopt_im.core.kinematics import kernel
 from gameopt_im.core.parameters import Interlock
-from gameopt_im.core.reservations import Book, Stack, crossing_time
+from gameopt_im.core.reservations import Book, Stack, held_in
 from gameopt_im.core.snapshot import Bools, Floats, Snapshot
 from gameopt_im.core.windows import occupancy, overlap
 
@@ -26,14 +26,19 @@ MARGIN_SHARE = 0.5
 
 def withdraw(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, interlock: Interlock) -> tuple[str, ...]:
     """Ask back whatever can no longer be driven as it was cleared; the vehicles that are asked from now on."""
-    place = {vehicle: i for i, vehicle in enumerate(snapshot.ids)}
     able = can_stop(snapshot, ground)
+    row, rows = book.rows_of(snapshot.ids), book.rows
+    held, gives = row >= 0, held_in(row, rows.withdrawn)
+    for i in np.flatnonzero(gives & rows.accepted[row] & ~able):
+        book.withdraw(snapshot.ids[i], False)  # it kept it, since it could not stop, and drives it to its end
+    near = _too_near(book, ground, snapshot.cycle, interlock)
+    waits = np.where(held, held_in(row, rows.withdrawn), limits.phase == UNCLEARED)
+    if not near and not (held & (limits.leader >= 0) & waits[limits.leader]).any():
+        return ()
+    place = {vehicle: i for i, vehicle in enumerate(snapshot.ids)}
     asked: set[str] = set()
-    for vehicle, reservation in list(book.held.items()):
-        if reservation.withdrawn and reservation.accepted and not able[place[vehicle]]:
-            book.withdraw(vehicle, False)  # it kept it, since it could not stop, and drives it to its end
-    for first, second in _too_near(book, ground, snapshot.cycle, interlock):
-        for vehicle in sorted((first, second), key=lambda each: -crossing_time(book.held[each], snapshot.cycle)):
+    for first, second in near:
+        for vehicle in sorted((first, second), key=lambda each: -book.held[each].crosses(snapshot.cycle)):
             reservation = book.held[vehicle]
             if reservation.withdrawn or (reservation.clearance and able[place[vehicle]]):
                 asked.add(vehicle)
@@ -64,11 +69,10 @@ def _stuck(
 
 def _too_near(book: Book, ground: Ground, cycle: int, interlock: Interlock) -> list[tuple[str, str]]:
     """The pairs of vehicles whose windows have come too near each other on some conflict area."""
-    stack = book.stack(cycle)
-    vehicles = book.by_row()
     margin_s, margin_m = MARGIN_SHARE * interlock.margin_s, MARGIN_SHARE * interlock.margin_m
-    near = clashing(stack, ground.windows, margin_s, margin_m)
-    return [(vehicles[a], vehicles[b]) for a, b in np.argwhere(near)]
+    near = np.argwhere(clashing(book.stack(cycle), ground.windows, margin_s, margin_m))
+    vehicles = book.by_row() if len(near) else []
+    return [(vehicles[a], vehicles[b]) for a, b in near]
 
 
 @kernel

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from gameopt_im.core.kinematics import kernel
-from gameopt_im.core.leading import Scene, ahead_of, index_of_now, ways_of
+from gameopt_im.core.leading import Scene, ahead_of, room_behind, ways_of
 from gameopt_im.core.profiles import held_back
-from gameopt_im.core.reservations import Book, Rows
+from gameopt_im.core.reservations import Book, Rows, held_in
 from gameopt_im.core.scene import law_of
 from gameopt_im.core.snapshot import Bools, Ints, Snapshot
+from gameopt_im.core.windows import step_at
 
 OFF_PROFILE_M = 0.4
 """A vehicle farther than this outside its profile and worst case has strayed: its windows may no longer hold."""
@@ -21,12 +22,9 @@ def refresh(snapshot: Snapshot, scene: Scene, book: Book) -> tuple[str, ...]:
     What leaders might have done since, they have not, so the worst case of a vehicle that tracks its profile only gets
     better. One has strayed if it is ahead of its profile or behind the worst case it was reserved for.
     """
-    held = [
-        (float(snapshot.s[i]), vehicle, i)
-        for i, vehicle in enumerate(snapshot.ids)
-        if vehicle in book.held and book.held[vehicle].clearance
-    ]
-    order = np.array([i for _, _, i in sorted(held)], dtype=np.int64)
+    row = book.rows_of(snapshot.ids)
+    cleared = np.flatnonzero(held_in(row, book.rows.clearance > 0))
+    order = cleared[np.argsort(snapshot.s[cleared], kind="stable")]
     strayed = bring_up_to_date(order, scene, book.rows)
     return tuple(snapshot.ids[i] for i in order[strayed])
 
@@ -40,14 +38,14 @@ def bring_up_to_date(order: Ints, scene: Scene, rows: Rows) -> Bools:
     for n in range(order.shape[0]):
         i = order[n]
         row = scene.way[i]
-        k = index_of_now(row, scene.cycle, rows.start, steps)
+        k = step_at(rows.start[row], scene.cycle)
         if not scene.fresh[i] or scene.exiting[i] or k >= steps - 2:
             continue
         x = scene.x[i]
         strayed[n] = not rows.late_x[row, k] - OFF_PROFILE_M <= x <= rows.x[row, k] + OFF_PROFILE_M
         held_back(
             x, scene.v[i], rows.v[row], k, (rows.length[row], scene.a[i], rows.b[row]), scene.clear[i],
-            law_of(i, scene), scene.cycle, ahead_of(i, scene), ways, late_x, late_v,
+            law_of(i, scene), room_behind(ahead_of(i, scene), True, scene.cycle, steps - k, ways), late_x, late_v,
         )  # fmt: skip
         rows.late_x[row, k:] = late_x[k:]
         rows.late_v[row, k:] = late_v[k:]

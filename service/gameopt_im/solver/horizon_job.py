@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from gameopt_im.core import duality, horizon
-from gameopt_im.core.horizon import HorizonRules, HorizonTask, Start
+from gameopt_im.core.horizon import HorizonRules, HorizonTask, Platoon, Start
 from gameopt_im.core.kinematics import manner_of
 from gameopt_im.core.parameters import Planner
 from gameopt_im.core.planning import Stake
@@ -21,7 +21,7 @@ from gameopt_im.solver.workspace import Solution, kept_workspace
 COST_SCALE = 0.005
 """The program's cost is scaled by this: J may be off by more than the speeds are."""
 QUICK_RHO, QUICK_ITERATIONS = 0.125, 250
-SAFE_RHO, SAFE_ITERATIONS = 0.5, 1500
+SAFE_RHO, SAFE_ITERATIONS = 0.5, 2500
 """Step size and most iterations. The quick one mostly needs half as many, but now and then goes round in circles."""
 ALPHA = 1.8
 ROW_LENGTHS = (1.0, 0.5, 0.7, 1.2)
@@ -30,8 +30,6 @@ fewest iterations on recorded programs that start where the last control cycle's
 """
 CHECK = 5
 """Iterations from one look at the residuals to the next: a good start needs few."""
-KNOWN_LANES = 256
-"""Solutions of lanes that are remembered: more than a control cycle's candidates have lanes."""
 ALONE = Stake(0.0, 1.0, 0.0)
 """The stake of a candidate that nothing is compared with."""
 TOLERANCE = 0.4
@@ -59,29 +57,41 @@ class HorizonJob:
     stake: Stake = ALONE
     start: Start | None = None
 
-    def solve(self) -> HorizonOutcome | None:
-        """Speeds for the next control cycle and J."""
-        solutions, first = [], 0
-        for (qp, reference), count in zip(
-            horizon.build(self.task, self.rules, self.slots), self.task.counts, strict=True
-        ):
-            x, y = reference, np.zeros(len(qp.l))
-            if self.start is not None:
-                u = self.start.u[first : first + count].ravel()
-                x, y = np.where(np.isnan(u), x, u), horizon.in_rows(self.start.duals[first : first + count])
-            solution = _lane(qp, x, y, self.residual_mps)
-            if solution is None:
-                return None
-            solutions.append(solution)
-            first += count
-        u = np.concatenate([solution.x for solution in solutions])
-        duals = [horizon.by_vehicle(each.y, count) for each, count in zip(solutions, self.task.counts, strict=True)]
+    def met(self) -> list[tuple[int, bytes]]:
+        """Each platoon and its slots: what its program depends on within one control cycle."""
+        ends = np.cumsum(self.task.counts)
+        return [
+            (number, self.slots[end - count : end].tobytes())
+            for number, (count, end) in enumerate(zip(self.task.counts, ends, strict=True))
+        ]
+
+    def programs(self) -> list[PlatoonJob]:
+        """Its programs, which different workers may solve."""
+        jobs, first = [], 0
+        for platoon in horizon.build(self.task, self.rules, self.slots):
+            rows = slice(first, first + len(platoon.q))
+            start = None if self.start is None else Start(self.start.u[rows], self.start.duals[rows])
+            jobs.append(PlatoonJob(platoon, self.rules.blocks, self.residual_mps, start))
+            first = rows.stop
+        return jobs
+
+    def joined(self, solutions: Sequence[Solution | None]) -> HorizonOutcome | None:
+        """Speeds for the next control cycle and J, from the solutions of all platoons."""
+        solved = [solution for solution in solutions if solution is not None]
+        if len(solved) < len(self.task.counts):
+            return None
+        u = np.concatenate([solution.x for solution in solved])
+        duals = [horizon.by_vehicle(each.y, count) for each, count in zip(solved, self.task.counts, strict=True)]
         return HorizonOutcome(
             horizon.first_speeds(self.task, self.rules, u),
             horizon.objective(self.task, self.rules, u),
-            max(solution.residual for solution in solutions),
+            max(solution.residual for solution in solved),
             Start(u.reshape(len(self.slots), -1), np.concatenate(duals)),
         )
+
+    def solve(self) -> HorizonOutcome | None:
+        """All of it, platoon by platoon."""
+        return self.joined([job.solve() for job in self.programs()])
 
     def may_cost(self, duals: Floats) -> float:
         """The least that any solution can cost, judged by the multipliers (n, 4, H) of another candidate."""
@@ -89,17 +99,23 @@ class HorizonJob:
         return self.stake.cost(duality.least_objective(self.task, self.rules, given, duals, self.residual_mps))
 
 
-_known: OrderedDict[bytes, Solution | None] = OrderedDict()
+@dataclass(frozen=True, slots=True)
+class PlatoonJob:
+    """One program of a candidate."""
 
+    platoon: Platoon
+    blocks: tuple[float, ...]
+    residual_mps: float
+    start: Start | None
 
-def _lane(qp: QP, start: Floats, duals: Floats, residual_mps: float) -> Solution | None:
-    """The solution of one lane's program; candidates that leave a lane its slots have it solved once."""
-    key = b"".join(part.tobytes() for part in (qp.P.data, qp.q, qp.l, qp.u, start, duals))
-    if key not in _known:
-        _known[key] = _attempted(qp, start, duals, residual_mps)
-        if len(_known) > KNOWN_LANES:
-            _known.popitem(last=False)
-    return _known[key]
+    def solve(self) -> Solution | None:
+        """The speeds at the ends of the blocks, and the multipliers."""
+        qp, x = self.platoon.program(self.blocks), self.platoon.reference.ravel()
+        y = np.zeros(len(qp.l))
+        if self.start is not None:
+            u = self.start.u.ravel()
+            x, y = np.where(np.isnan(u), x, u), horizon.in_rows(self.start.duals)
+        return _attempted(qp, x, y, self.residual_mps)
 
 
 def _attempted(qp: QP, start: Floats, duals: Floats, residual_mps: float) -> Solution | None:
@@ -119,7 +135,7 @@ def _attempted(qp: QP, start: Floats, duals: Floats, residual_mps: float) -> Sol
 
 @lru_cache(maxsize=512)
 def _row_lengths(rows: int, columns: int) -> Floats:
-    """(m,) `ROW_LENGTHS` in the order of a lane's rows: of three kinds as many as there are variables."""
+    """(m,) `ROW_LENGTHS` in the order of a platoon's rows: of three kinds as many as there are variables."""
     return np.repeat(ROW_LENGTHS, [columns, columns, columns, rows - 3 * columns])
 
 
@@ -128,8 +144,8 @@ def _scaled(qp: QP) -> QP:
     return replace(qp, P=p, q=qp.q * COST_SCALE)
 
 
-def warm_up() -> list[HorizonJob]:
-    """A small job that compiles, or loads, what a worker will need."""
+def warm_up() -> HorizonJob:
+    """A small job that compiles, or loads, what this process and a worker will need."""
     one = np.ones(2)
     task = HorizonTask(
         counts=(2,),
@@ -143,6 +159,7 @@ def warm_up() -> list[HorizonJob]:
         ps=one,
         pv=one,
         room=np.full((2, 2), 1e9),
+        trails=np.zeros(2, dtype=np.bool_),
     )
     rules = HorizonRules((1.0, 1.0), 0.7, 2.0, manner_of(Planner()))
-    return [HorizonJob(task, rules, np.array([5.0, 7.0]), 1e-3)]
+    return HorizonJob(task, rules, np.array([5.0, 7.0]), 1e-3)

@@ -64,6 +64,7 @@ def commands() -> None:
     help="The intersection: FILE.net.xml of SUMO, or FILE.json by `gameopt-sumo map`.",
 )
 @click.option("--junction", metavar="ID", help="Junction of a net that has several.")
+@click.option("--articulated", is_flag=True, help="For bodies up to 18.75 m by 2.6 m too, else up to 12 m by 2.55 m.")
 @click.option(
     "--listen",
     metavar="ENDPOINT",
@@ -124,6 +125,7 @@ def serve(
     config_file: Path | None,
     map_path: Path | None,
     junction: str | None,
+    articulated: bool,
     listen: tuple[str, ...],
     connect: tuple[str, ...],
     zenoh_config: Path | None,
@@ -139,7 +141,7 @@ def serve(
         raise click.UsageError("--http: the live page is not in this version")
     parameters = config.load(config_file)
     options = ServeOptions(
-        map=read_map(map_path, junction),
+        map=read_map(map_path, junction, articulated=articulated),
         parameters=parameters,
         profile=profile,
         geometry=_geometry(profile, geometry),
@@ -233,14 +235,15 @@ def replay(recording: Path) -> None:
     click.get_current_context().exit(DIFFERENT)
 
 
-def read_map(path: Path | None, junction: str | None) -> IntersectionMap:
+def read_map(path: Path | None, junction: str | None, *, articulated: bool = False) -> IntersectionMap:
     """The map of a .net.xml or .json file, or the packaged one. Raises `NetworkError` or `MapError`."""
     from gameopt_sumo import network
 
     if path is not None and path.suffix != ".json":
-        return network.read_map(path, junction)
-    if junction is not None:
-        raise click.UsageError("--junction: allowed only with --map FILE.net.xml")
+        return network.read_map(path, junction, articulated=articulated)
+    for option, given in (("--junction", junction is not None), ("--articulated", articulated)):
+        if given:
+            raise click.UsageError(f"{option}: allowed only with --map FILE.net.xml")
     return network.packaged_map() if path is None else map_file.read(path)
 
 

@@ -33,7 +33,7 @@ from gameopt_wire.messages import STEP_S, Bid, Clock, State
 
 Reason = Literal[
     "oversized", "malformed", "version", "out_of_range",  # the codec's
-    "key", "unknown_movement", "time", "duplicate", "stale", "changed", "overload",
+    "key", "unknown_movement", "uncovered", "time", "duplicate", "stale", "changed", "overload",
 ]  # fmt: skip
 EventKind = Literal["entered", "left", "stale", "lost"]
 
@@ -224,6 +224,8 @@ class Tracker:
         behind_m = self._exit_end_m[movement] + state.length_m + OUTSIDE_ZONE_M
         if not -behind_m <= state.distance_m <= ahead_m:
             return "out_of_range"
+        if not self._map.covers(state.length_m, state.width_m):
+            return "uncovered"
         return self._wrong_time(state.time_s, now_s)
 
     def _take(self, state: State, movement: int, known: Tracked | None, now_s: float) -> None:

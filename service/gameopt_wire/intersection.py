@@ -100,6 +100,10 @@ class IntersectionMap(msgspec.Struct, frozen=True, kw_only=True, tag_field="type
         ]
         return min(covering)[1] if covering else max(sizes)[1]
 
+    def covers(self, length_m: float, width_m: float) -> bool:
+        """Whether any footprint covers a vehicle; where none does, nobody knows the ground that it needs."""
+        return any(f.length_m >= length_m and f.width_m >= width_m for f in self.footprints)
+
     def digest(self) -> str:
         """A short hash of the whole map: equal digests mean manager and vehicles speak of the same ground."""
         return hashlib.sha256(msgspec.json.encode(self, order="deterministic")).hexdigest()[:16]

@@ -20,6 +20,9 @@ FOOTPRINTS = (
     Footprint(name="bus", length_m=12.0, width_m=2.55),
 )
 """Body sizes the areas are swept with."""
+ARTICULATED = Footprint(name="articulated", length_m=18.75, width_m=2.6)
+"""The longest trucks and buses, swept too where that is asked for: their tails reach so far over the lanes beside them
+that everybody waits further upstream. SUMO poses them as rigid bodies, so they are swept as that."""
 
 
 @dataclass(frozen=True)

@@ -98,10 +98,11 @@ def four_arm(out: Path, **parameters: Any) -> None:
 @command.command("map")
 @click.argument("net", type=click.Path(path_type=Path), metavar="FILE.net.xml")
 @click.option("--junction", metavar="ID", help="The junction; needed if several have crossing movements.")
+@click.option("--articulated", is_flag=True, help="For bodies up to 18.75 m by 2.6 m too, else up to 12 m by 2.55 m.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="File to write; else stdout.")
-def write_map(net: Path, junction: str | None, out: Path | None) -> None:
+def write_map(net: Path, junction: str | None, articulated: bool, out: Path | None) -> None:
     """Read a SUMO net as an intersection map: movements, groups, conflict areas (JSON, lengths in m)."""
-    text = map_json(read_map(net, junction))
+    text = map_json(read_map(net, junction, articulated=articulated))
     if out is None:
         click.echo(text, nl=False)
         return

@@ -8,11 +8,14 @@ from __future__ import annotations
 import libsumo
 
 from gameopt_sumo import readings
+from gameopt_sumo.areas import ARTICULATED
 from gameopt_sumo.layout import Layout
 from gameopt_sumo.observation import EXIT_RANGE_M, STEP_S, Vehicle
 from gameopt_sumo.radar import Body
+from gameopt_sumo.run_files import SimulationError
 from gameopt_sumo.whereabouts import Whereabouts
 from gameopt_wire import motion
+from gameopt_wire.intersection import Footprint
 
 _SPEED_MODE_EXECUTE = 32
 """The set speed as it is: no car-following, no limits, no right of way before or within the junction."""
@@ -33,17 +36,31 @@ class Control:
     """What is done to SUMO's vehicles, apart from setting speeds."""
 
     def __init__(self, layout: Layout, about: Whereabouts) -> None:
+        self._layout = layout
         self._about = about
         self._places = layout.places
         self._movements = layout.map.movements
         self._setback_m = max([0.0, *(back for movement in self._movements for back in movement.setback_m)])
 
     def take(self, known: Vehicle, body: Body) -> None:
-        """Take a vehicle over the first time it is seen in the control zone."""
+        """Take a vehicle over the first time it is seen in the control zone.
+
+        Raises `SimulationError` for one whose ground nobody knows.
+        """
         if not known.controlled and not known.released and body.on_exit is None:
+            self._check_size(known)
             known.controlled = True
             libsumo.vehicle.setSpeedMode(known.id, _SPEED_MODE_EXECUTE)
             libsumo.vehicle.setLaneChangeMode(known.id, _LANE_CHANGE_NEVER)
+
+    def _check_size(self, known: Vehicle) -> None:
+        bodies = self._layout.map.footprints
+        if not self._layout.map.covers(known.length_m, known.width_m):
+            more = "" if ARTICULATED in bodies else f"; up to {_size(ARTICULATED)} with --articulated on both sides"
+            raise SimulationError(
+                f"vehicle {known.id!r} is {_size(known)}; allowed at {self._layout.map.intersection!r}: "
+                f"up to {_size(bodies[-1])}{more}"
+            )
 
     def controls(self, vehicle: str) -> bool:
         """Whether a vehicle is taken over."""
@@ -119,3 +136,7 @@ class Control:
         if reach_m is not None and len(readings.route_ahead(body.vehicle)) >= 2:
             ends.append(reach_m)
         return min(ends) - body.exit_m if ends else None
+
+
+def _size(body: Footprint | Vehicle) -> str:
+    return f"{body.length_m:g} m by {body.width_m:g} m"

@@ -21,9 +21,9 @@ Window = tuple[float, float]
 
 SAMPLE_STEP_M = 0.25
 """Distance between two sampled poses; windows are widened by it, so nothing between two samples is missed."""
-UPSTREAM_M = 8.0
+UPSTREAM_M = 20.0
 """Sweeping begins this far before the stop line: a turning tail reaches over the lane beside it."""
-DOWNSTREAM_M = 8.0
+DOWNSTREAM_M = 20.0
 """Sweeping goes on this far beyond a rear on the exit lane: who turns out of the arm beside may cut over it there."""
 BODY_MARGIN_M = 0.3
 """Bodies are grown by this all round before they are swept."""

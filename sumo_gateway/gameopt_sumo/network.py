@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from gameopt_sumo.areas import FOOTPRINTS, SweptMovement, conflict_areas
+from gameopt_sumo.areas import ARTICULATED, FOOTPRINTS, SweptMovement, conflict_areas
 from gameopt_sumo.geometry import Window
 from gameopt_sumo.junction import (
     MANAGED_CLASSES,
@@ -41,18 +41,27 @@ __all__ = [
 
 
 def read_map(
-    net_file: Path | str, junction: str | None = None, control_zone_m: float = DEFAULT_CONTROL_ZONE_M
+    net_file: Path | str,
+    junction: str | None = None,
+    control_zone_m: float = DEFAULT_CONTROL_ZONE_M,
+    *,
+    articulated: bool = False,
 ) -> IntersectionMap:
     """The map of one junction of a SUMO net; its name is the junction's id.
 
     Without `junction` the net must have exactly one with crossing movements. `control_zone_m` is cut to where
-    another junction with conflicts lies nearer. Raises `NetworkError`.
+    another junction with conflicts lies nearer. With `articulated` it also holds for bodies of up to 18.75 m.
+    Raises `NetworkError`.
     """
-    return read_layout(net_file, junction, control_zone_m).map
+    return read_layout(net_file, junction, control_zone_m, articulated=articulated).map
 
 
 def read_layout(
-    net_file: Path | str, junction: str | None = None, control_zone_m: float = DEFAULT_CONTROL_ZONE_M
+    net_file: Path | str,
+    junction: str | None = None,
+    control_zone_m: float = DEFAULT_CONTROL_ZONE_M,
+    *,
+    articulated: bool = False,
 ) -> Layout:
     """As `read_map`, with the lanes behind the map. Raises `NetworkError`."""
     net = read_net(Path(net_file))
@@ -67,7 +76,8 @@ def read_layout(
     lanes = list({link.lane.getID(): link.lane for link in links}.values())
     lanes.sort(key=lambda lane: (roads[lane.getEdge().getID()], lane.getIndex()))
     ways = [way_upstream(net, chosen, lane, control_zone_m) for lane in lanes]
-    areas = conflict_areas(_swept(links), FOOTPRINTS)
+    footprints = [*FOOTPRINTS, ARTICULATED] if articulated else list(FOOTPRINTS)
+    areas = conflict_areas(_swept(links), footprints)
     intersection_map = IntersectionMap(
         intersection=chosen.getID(),
         control_zone_m=control_zone_m,
@@ -80,8 +90,8 @@ def read_layout(
             )
             for lane, way in zip(lanes, ways, strict=True)
         ],
-        movements=_movements(links, lanes, roads, areas),
-        footprints=list(FOOTPRINTS),
+        movements=_movements(links, lanes, roads, areas, len(footprints)),
+        footprints=footprints,
         areas=areas,
     )
     return layout_of(net, intersection_map, links, lanes, ways)
@@ -118,7 +128,9 @@ def _swept(links: list[Link]) -> list[SweptMovement]:
     ]
 
 
-def _movements(links: list[Link], lanes: list[Any], roads: dict[str, int], areas: list[ConflictArea]) -> list[Movement]:
+def _movements(
+    links: list[Link], lanes: list[Any], roads: dict[str, int], areas: list[ConflictArea], sizes: int
+) -> list[Movement]:
     lane_index = {lane.getID(): index for index, lane in enumerate(lanes)}
     groups = [f"{roads[link.approach]}-{INTENTION_NUMBER[link.intention]}" for link in links]
     shared, seen = Counter(groups), Counter[str]()
@@ -135,7 +147,7 @@ def _movements(links: list[Link], lanes: list[Any], roads: dict[str, int], areas
                 intention=link.intention,
                 length_m=round(link.length_m, 6),
                 clear_m=_clear_m(index, link.length_m, areas),
-                setback_m=_setback_m(index, areas),
+                setback_m=_setback_m(index, areas, sizes),
                 turn_speed_mps=_turn_speed_mps(link),
                 path=link.track.line(0.0, link.length_m),
             )
@@ -149,11 +161,11 @@ def _clear_m(index: int, length_m: float, areas: list[ConflictArea]) -> float:
     return round(max([length_m, *(leave for _, leave in _windows_of(index, areas))]), 6)
 
 
-def _setback_m(index: int, areas: list[ConflictArea]) -> list[float]:
+def _setback_m(index: int, areas: list[ConflictArea], sizes: int) -> list[float]:
     """How far its areas reach back over the stop line, by footprint."""
     return [
         round(max([0.0, *(-entry for entry, _ in _windows_of(index, areas, footprint))]), 6)
-        for footprint in range(len(FOOTPRINTS))
+        for footprint in range(sizes)
     ]
 
 

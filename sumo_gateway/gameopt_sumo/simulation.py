@@ -56,11 +56,12 @@ class Simulation:
         control: bool = True,
         measure: bool = True,
         control_zone_m: float = DEFAULT_CONTROL_ZONE_M,
+        articulated: bool = False,
     ) -> None:
         """Read the map and start SUMO; raises `SimulationError`, one line, for whatever is wrong."""
         config = Path(sumocfg)
         try:
-            self._layout: Layout = read_layout(net_file_of(config), junction, control_zone_m)
+            self._layout: Layout = read_layout(net_file_of(config), junction, control_zone_m, articulated=articulated)
         except NetworkError as error:
             raise SimulationError(f"{config}: {error}") from None
         full_map = self._layout.map

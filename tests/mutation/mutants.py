@@ -182,6 +182,13 @@ MUTANTS = (
         f"{UNIT}/test_diverging.py::test_who_has_turned_off_leads_no_more",
     ),
     Mutant(
+        "tails that swing out",
+        f"{CORE}/diverging.py",
+        "np.where(turns_back, np.maximum(0.0, length - path_m), tail_m)",
+        "np.where(turns_back, np.maximum(0.0, length - path_m), 0.0)",
+        f"{UNIT}/test_diverging.py::test_a_body_too_long_for_the_turn_is_longer_to_those_behind",
+    ),
+    Mutant(
         "one who turns off hides whom he follows",
         f"{CORE}/interlock.py",
         "r = rank[movement[j]]",
@@ -198,8 +205,8 @@ MUTANTS = (
     Mutant(
         "silent vehicles overtake",
         f"{CORE}/interlock.py",
-        "lane_leaders(snapshot.lane, movement, x, worst_x, snapshot.length, ground.apart, ground.rank)",
-        "lane_leaders(snapshot.lane, movement, x, x, snapshot.length, ground.apart, ground.rank)",
+        "lane_leaders(snapshot.lane, movement, x, worst_x, span, ground.apart, ground.rank)",
+        "lane_leaders(snapshot.lane, movement, x, x, span, ground.apart, ground.rank)",
         f"{UNIT}/test_silence.py::test_who_is_silent_is_not_taken_to_have_overtaken",
     ),
     Mutant(

@@ -152,8 +152,8 @@ def test_every_rejection_has_its_reason(messages: list[Raw]) -> None:
         tracker.ingest([raw], NOW_S)
         assert sum(tracker.rejected.values()) - before in (0, 1)
     allowed = {
-        "oversized", "malformed", "version", "out_of_range", "key", "unknown_movement", "time", "duplicate",
-        "stale", "changed", "overload",
+        "oversized", "malformed", "version", "out_of_range", "key", "unknown_movement", "uncovered", "time",
+        "duplicate", "stale", "changed", "overload",
     }  # fmt: skip
     assert set(tracker.rejected) <= allowed
 

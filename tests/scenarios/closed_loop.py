@@ -166,6 +166,7 @@ async def drive(
     broken: str = "",
     qp_share: bool = False,
     inflate_m: float = 0.0,
+    articulated: bool = False,
     profile: Any = "default",
     geometry: Any = "areas",
     **settings: Any,
@@ -186,7 +187,7 @@ async def drive(
     share = QpShare()
     if qp_share:
         share.install()
-    with Simulation(Path(sumocfg), junction, seed, inflate_m=inflate_m) as road:
+    with Simulation(Path(sumocfg), junction, seed, inflate_m=inflate_m, articulated=articulated) as road:
         standing = watch_standing(road)
         known = msgspec.structs.replace(road.map, areas=[]) if broken == "conflict area" else road.map
         options = ServeOptions(

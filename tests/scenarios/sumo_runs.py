@@ -182,6 +182,19 @@ def fails(sumocfg: Path, junction: str | None = None, extra: tuple[str, ...] = (
     return "started"
 
 
+def too_large(sumocfg: Path, junction: str) -> str:
+    """What the simulation says of the first vehicle that its map does not cover."""
+    with Simulation(sumocfg, junction, measure=False) as simulation:
+        try:
+            for _ in range(3000):
+                for seen in simulation.step():
+                    if seen.controlled:
+                        simulation.set_speed(seen.vehicle, behind_its_leader(simulation, seen))
+        except SimulationError as error:
+            return str(error)
+    return "nobody is too large"
+
+
 def check_costs(sumocfg: Path) -> float:
     """Median time of the geometric check per step with 50 to 100 vehicles about, ms."""
     from time import perf_counter

@@ -74,8 +74,11 @@ def test_a_full_exit_stops_clearances_and_nobody_in_the_zone(tmp_path: Path, nam
 
 @pytest.mark.parametrize(("name", "junction"), [("cross", "0"), ("grid6", "1/0")])
 def test_a_shipped_scenario_runs_as_it_is(name: str, junction: str) -> None:
-    """With its own vehicle types, routes and lights; at grid6 there is another junction 66 m after the exit."""
+    """With its own vehicle types, routes and lights; at grid6 there is another junction 66 m after the exit.
+
+    At cross there are trucks with trailers, of 16 m.
+    """
     config = Path(sumo.SUMO_HOME, "tools", "game", f"{name}.sumocfg")
-    found = in_a_process(sumocfg=str(config), junction=junction, duration_s=100.0)
+    found = in_a_process(sumocfg=str(config), junction=junction, duration_s=100.0, articulated=True)
     assert found["safety"]["collisions_sumo"] == found["safety"]["collisions_geometric"] == 0
     assert found["vehicles"]["crossed"] > 10

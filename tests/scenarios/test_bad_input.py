@@ -197,6 +197,7 @@ def test_what_manager_and_vehicles_do_not_agree_on(files: Path, tmp_path: Path) 
                 ((), "lockstep", ("map", "'junction'")),
                 ((), "wall", ("--clock lockstep", "--clock wall")),
                 (("--ignore-turn-speed",), "lockstep", ("--ignore-turn-speed",)),
+                (("--articulated",), "lockstep", ("map", "up to 12 m and 18.75 m", "--articulated")),
             ):
                 ended = await command("gameopt_vehicles", *driving(sumocfg, endpoint, *arguments, clock=clock))
                 check(NO_MANAGER, ended, *words)

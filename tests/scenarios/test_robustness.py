@@ -130,6 +130,7 @@ def garbage(sample: State, cycle: int) -> list[tuple[str, bytes, str]]:
         (ghost, bytes(codec.MAX_BYTES + 1), "oversized"),
         (key("somebody"), changed(), "key"),
         (ghost, changed(movement="nowhere"), "unknown_movement"),
+        (ghost, changed(length_m=39.0), "uncovered"),
         (ghost, changed(time_s=sample.time_s + 100.0), "time"),
         (key(sample.vehicle), codec.STATE.encode(sample), "duplicate"),
     ]
@@ -137,7 +138,7 @@ def garbage(sample: State, cycle: int) -> list[tuple[str, bytes, str]]:
 
 FORGED = {keys.of_vehicle(HERE, "state", name) for name in ("ghost", "somebody")}
 REASONS = {
-    *("malformed", "version", "out_of_range", "oversized", "key", "unknown_movement", "time"),
+    *("malformed", "version", "out_of_range", "oversized", "key", "unknown_movement", "uncovered", "time"),
     "duplicate",
 }
 

@@ -132,3 +132,10 @@ def test_a_vehicle_is_given_back_before_a_junction_where_it_has_to_yield(run: Ru
     found = run(sumo_runs.last_seen, game / "grid6.sumocfg", game / "grid6" / "grid6.net.xml", "1/0", 900)
     assert found["gone"] > 3
     assert found["controlled"] == []
+
+
+def test_a_vehicle_too_large_for_the_map_is_one_line(run: Run) -> None:
+    """SUMO's game has buses of 12.5 m and trucks with trailers there."""
+    said = run(sumo_runs.too_large, Path(sumo.SUMO_HOME, "tools", "game", "cross.sumocfg"), "0")
+    assert "allowed at '0': up to 12 m by 2.55 m; up to 18.75 m by 2.6 m with --articulated on both sides" in said
+    assert "\n" not in said

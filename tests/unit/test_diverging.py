@@ -85,7 +85,8 @@ def test_one_who_is_about_to_turn_off_hides_nobody(one_lane: IntersectionMap, cr
 def test_who_turns_back_keeps_its_lane_for_longer() -> None:
     """A truck's front is back beside its own lane before its tail has left it; a car's hardly is."""
     length, path_m = np.array([10.0, 4.0, 10.0]), np.array([4.7, 4.7, 4.7])
-    assert spans(length, path_m, np.array([True, True, False])).tolist() == [pytest.approx(15.3), 4.0, 10.0]
+    found = spans(length, path_m, np.array([True, True, False]), np.zeros(3))
+    assert found.tolist() == [pytest.approx(15.3), 4.0, 10.0]
 
 
 def test_and_those_behind_wait_further_back(tmp_path: Path) -> None:
@@ -100,3 +101,19 @@ def test_and_those_behind_wait_further_back(tmp_path: Path) -> None:
         cars = replace(cars, lane=square.lane[cars.movement])
         follow.append(float(interlock.limits(cars, square, Book(), Parameters().exit).follow[1]))
     assert follow[0] < follow[1] - 1.0
+
+
+def test_a_body_too_long_for_the_turn_is_longer_to_those_behind(tmp_path: Path) -> None:
+    """Its chord is shorter than itself, and its tail swings out over the lane that it came from."""
+    found = read_map(build_plain("single-lane", tmp_path), articulated=True)
+    long = ground(found, "areas", 25.0, turn_speed=True)
+    turns = of_lane(found, 0)
+    assert long.tail[:, :-1].max() == 0.0  # up to a bus it is no more than the standing gap
+    assert long.tail[turns["straight"], -1] == 0.0
+    assert 2.0 < long.tail[turns["right"], -1] < 3.0
+    follow = []
+    for leader in ("straight", "right"):
+        cars = snapshot(s=[-8.0, 14.0], v=[4.0, 4.0], length=[18.75, 5.0], movement=[turns[leader], turns["straight"]])
+        cars = replace(cars, lane=long.lane[cars.movement], footprint=np.array([4, 0]))
+        follow.append(float(interlock.limits(cars, long, Book(), Parameters().exit).follow[1]))
+    assert follow[1] < follow[0] - 1.0

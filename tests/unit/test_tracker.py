@@ -74,6 +74,8 @@ def test_the_latest_state_wins_in_any_order_of_arrival() -> None:
     ("changes", "reason"),
     [
         ({"movement": "9-9"}, "unknown_movement"),
+        ({"length_m": 12.5}, "uncovered"),
+        ({"width_m": 2.7}, "uncovered"),
         ({"distance_m": 150.0 + 51.0}, "out_of_range"),
         ({"distance_m": -(20.0 + 300.0 + LENGTH_M + 51.0)}, "out_of_range"),
         ({"time_s": 11.1}, "time"),

@@ -50,6 +50,7 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--delay-ms", type=Number(0.0, 6e4), default=0.0, metavar="D", help="Delay of a message, ms, each way.")
 @click.option("--jitter-ms", type=Number(0.0, 6e4), default=0.0, metavar="J", help="Delay varies by +- J ms.")
 @click.option("--ignore-turn-speed", is_flag=True, help="Turn at the lane's limit.")
+@click.option("--articulated", is_flag=True, help="Allow bodies up to 18.75 m by 2.6 m, else up to 12 m by 2.55 m.")
 @click.option(
     "--tracking-noise",
     type=Number(0.0, 10.0),
@@ -97,6 +98,7 @@ def _simulation(options: Options, sumocfg: Path) -> MeasuredRoad:
         extra_args=options.sumo_options,
         ignore_turn_speed=options.ignore_turn_speed,
         inflate_m=options.inflate,
+        articulated=options.articulated,
     )
 
 

@@ -75,7 +75,10 @@ def _agree(charter: Charter, road: MeasuredRoad, options: Options) -> None:
     ours = (road.map if charter.turn_speed else _without_turn_speeds(road.map)).digest()
     if theirs != ours:
         name = charter.map.intersection
-        raise NoManager(f"the manager's map of {name!r} ({theirs}) is not the vehicles' ({ours})")
+        longest_m = [max(body.length_m for body in each.footprints) for each in (charter.map, road.map)]
+        why = "" if longest_m[0] == longest_m[1] else ": for bodies up to {:g} m and {:g} m (--articulated)"
+        why = why.format(*longest_m)
+        raise NoManager(f"the manager's map of {name!r} ({theirs}) is not the vehicles' ({ours}){why}")
 
 
 def _without_turn_speeds(intersection: IntersectionMap) -> IntersectionMap:

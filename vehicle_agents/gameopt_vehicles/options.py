@@ -30,6 +30,7 @@ class Options(msgspec.Struct, frozen=True, kw_only=True):
     delay_ms: float
     jitter_ms: float
     ignore_turn_speed: bool
+    articulated: bool
     inflate: float
     tracking_noise: float
     strategy: Strategy
@@ -62,8 +63,8 @@ def check(options: Options) -> None:
         raise click.UsageError("give exactly one of --sumo FILE.sumocfg and --synthetic N")
     if options.warmup >= options.duration:
         raise click.UsageError(f"--warmup {options.warmup:g} s must be less than --duration {options.duration:g} s")
-    if options.sumo is None and (options.gui or options.sumo_options):
-        raise click.UsageError("--gui and SUMO options need --sumo")
+    if options.sumo is None and (options.gui or options.articulated or options.sumo_options):
+        raise click.UsageError("--gui, --articulated and SUMO options need --sumo")
     if options.report is not None:
         _check_writable(options.report)
 

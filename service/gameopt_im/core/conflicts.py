@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from gameopt_im.core.diverging import apart, ranks
+from gameopt_im.core.diverging import apart, ranks, tails
 from gameopt_im.core.kinematics import kernel
 from gameopt_im.core.snapshot import Bools, Floats, Ints
 from gameopt_wire.intersection import ConflictArea, IntersectionMap
@@ -64,7 +64,7 @@ class Ground:
     `free` marks movements that conflict with nobody.
     `apart` (M, M) is where the rear on the second of two movements out of one lane stands clear of the first (inf for
     any other two), `rank` the how manieth of its lane a movement is.
-    `turns_back` marks U-turns.
+    `turns_back` marks U-turns. `tail` (M, F) is how far a body's tail reaches back over its own lane.
     """
 
     conflict: Bools
@@ -84,6 +84,7 @@ class Ground:
     apart: Floats
     rank: Ints
     turns_back: Bools
+    tail: Floats
 
 
 def ground(intersection: IntersectionMap, geometry: Geometry, lateral_margin_m: float, turn_speed: bool) -> Ground:
@@ -135,6 +136,7 @@ def ground(intersection: IntersectionMap, geometry: Geometry, lateral_margin_m: 
         apart=apart(intersection),
         rank=ranks(intersection),
         turns_back=np.array([movement.intention == "turnaround" for movement in movements], dtype=np.bool_),
+        tail=tails(intersection),
     )
 
 

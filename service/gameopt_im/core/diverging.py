@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from gameopt_im.core.snapshot import Bools, Floats, Ints
-from gameopt_wire.intersection import IntersectionMap
+from gameopt_wire.intersection import IntersectionMap, Movement
+from gameopt_wire.motion import REAR_GAP_M
 
 APART_M = 2.8
 """Where centre lines out of one lane are this far apart, bodies no longer follow each other."""
@@ -31,13 +32,38 @@ def apart(intersection: IntersectionMap) -> Floats:
     return out
 
 
-def spans(length: Floats, path_m: Floats, turns_back: Bools) -> Floats:
+def spans(length: Floats, path_m: Floats, turns_back: Bools, tail_m: Floats) -> Floats:
     """(n,): how long a vehicle is to those behind it in its lane, m.
 
     One that turns back stands beside its own lane with all of its body that its path over the junction does not hold:
-    in a narrow turn it sweeps that much of the lane it came from.
+    in a narrow turn it sweeps that much of the lane it came from. Any other is longer by its tail (`tails`).
     """
-    return np.asarray(length + np.where(turns_back, np.maximum(0.0, length - path_m), 0.0))
+    return np.asarray(length + np.where(turns_back, np.maximum(0.0, length - path_m), tail_m))
+
+
+def tails(intersection: IntersectionMap) -> Floats:
+    """(M, F): how far a body's tail reaches back from where its rear is on the path, m; 0 within the standing gap.
+
+    A body is longer than the chord between its bumpers' places on a bend, and all that it is longer lies behind.
+    """
+    out = np.zeros((len(intersection.movements), len(intersection.footprints)))
+    for m, movement in enumerate(intersection.movements):
+        for f, footprint in enumerate(intersection.footprints):
+            if len(movement.path) > 1:
+                reach = footprint.length_m - _shortest_chord(movement, footprint.length_m)
+                out[m, f] = reach if reach > REAR_GAP_M else 0.0
+    return out
+
+
+def _shortest_chord(movement: Movement, length_m: float) -> float:
+    """Between two places on a path that are `length_m` apart along it, m; it goes straight on at both ends."""
+    first, last = np.array(movement.path[:2]), np.array(movement.path[-2:])
+    ends = [length_m * (a - b) / np.hypot(*(a - b)) for a, b in (first, last[::-1])]
+    path = np.vstack((first[0] + ends[0], movement.path, last[1] + ends[1]))
+    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
+    rears = np.arange(0.0, along[-1] - length_m, STEP_M)
+    points = [np.stack([np.interp(at, along, path[:, axis]) for axis in (0, 1)]) for at in (rears, rears + length_m)]
+    return float(np.hypot(*(points[1] - points[0])).min(initial=length_m))
 
 
 def ranks(intersection: IntersectionMap) -> Ints:

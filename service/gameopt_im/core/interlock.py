@@ -231,12 +231,13 @@ def limits(snapshot: Snapshot, ground: Ground, book: Book, exit_parameters: Exit
     x, v, b = -snapshot.s, snapshot.v, snapshot.b_max
     movement = snapshot.movement
     along = x - ground.length[movement]
-    leaders = lane_leaders(snapshot.lane, movement, x, worst_x, snapshot.length, ground.apart, ground.rank)
+    tail = ground.tail[movement, snapshot.footprint]
+    span = spans(snapshot.length, ground.length[movement], ground.turns_back[movement], tail)
+    leaders = lane_leaders(snapshot.lane, movement, x, worst_x, span, ground.apart, ground.rank)
     leader = nearest(leaders, worst_x)
     downstream = exit_leaders(ground.exit_lane[movement], along, worst_x - ground.length[movement])
     nothing = np.zeros(len(snapshot))
     follow = np.full(len(snapshot), NEVER)
-    span = spans(snapshot.length, ground.length[movement], ground.turns_back[movement])
     for each in leaders.T:
         follow = np.minimum(follow, follow_limit(x, v, span, b, worst_x, worst_v, each.copy(), nothing))
     near = np.where(along >= -30.0, downstream, -1)

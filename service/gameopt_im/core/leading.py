@@ -178,7 +178,7 @@ def ahead_of(i: int, scene: Scene) -> Ahead:
             if scene.asked[j]:
                 ahead.row[m] = LOOSE  # it may wait at the line instead
             number[m, BACK] = scene.span[j] + motion.REAR_GAP_M
-            number[m, UNTIL] = scene.length[j] + scene.apart[scene.movement[i], scene.movement[j]]
+            number[m, UNTIL] = scene.span[j] + scene.apart[scene.movement[i], scene.movement[j]]
             m += 1
     return Ahead(ahead.row[:m], number[:m])
 

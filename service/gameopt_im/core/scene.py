@@ -43,7 +43,7 @@ def scene_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, law
         bound=ground.exit_lane[movement],
         path=path,
         clear=ground.clear[movement],
-        span=spans(snapshot.length, path, ground.turns_back[movement]),
+        span=spans(snapshot.length, path, ground.turns_back[movement], ground.tail[movement, snapshot.footprint]),
         leaders=limits.leaders,
         downstream=limits.downstream,
         stranger_x=snapshot.stranger_x,

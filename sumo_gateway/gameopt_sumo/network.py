@@ -22,7 +22,7 @@ from gameopt_sumo.junction import (
     read_net,
 )
 from gameopt_sumo.layout import Layout, layout_of
-from gameopt_sumo.refusal import refuse_foreign_paths
+from gameopt_sumo.refusal import refuse_foreign_paths, refuse_short_exits
 from gameopt_sumo.upstream import way_upstream
 from gameopt_wire.intersection import INTENTION_NUMBER, ConflictArea, IntersectionMap, Lane, Movement
 
@@ -94,6 +94,7 @@ def read_layout(
         footprints=footprints,
         areas=areas,
     )
+    refuse_short_exits(net, Path(net_file), chosen, links, intersection_map)
     return layout_of(net, intersection_map, links, lanes, ways)
 
 

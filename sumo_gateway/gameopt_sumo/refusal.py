@@ -1,4 +1,4 @@
-"""Junctions that no manager of vehicles can run: others cross there, who neither bid nor obey."""
+"""Junctions that no manager of vehicles can run: others cross there, who neither bid nor obey, or there is no room."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 
 import shapely
 
-from gameopt_sumo.junction import MANAGED_CLASSES, Link, NetworkError, internal_lanes
+from gameopt_sumo.junction import MANAGED_CLASSES, Link, NetworkError, internal_lanes, links_over
+from gameopt_wire.intersection import IntersectionMap
 
 _NAMED = {"bicycle": "a cycle path", "ship": "a waterway"}
 """What a path open to none of the managed classes is called, by a class it is open to; else it is a railway's."""
@@ -23,6 +24,24 @@ def refuse_foreign_paths(net: Any, net_file: Path, node: Any, links: Sequence[Li
             raise NetworkError(
                 f"{net_file}: junction {node.getID()!r}: {what} ({name!r}) crosses its movements; "
                 "only junctions that vehicles alone cross can be managed"
+            )
+
+
+def refuse_short_exits(
+    net: Any, net_file: Path, node: Any, links: Sequence[Link], intersection: IntersectionMap
+) -> None:
+    """Raise `NetworkError` where an exit ends at another junction before a vehicle stands clear of this one.
+
+    Vehicles are given back to SUMO at the end of an exit, and may have to wait there. `links` are the map's movements.
+    """
+    longest_m = max(body.length_m for body in intersection.footprints)
+    for link, movement in zip(links, intersection.movements, strict=True):
+        needed_m = movement.clear_m - movement.length_m + longest_m
+        edge = link.exit_lane.getEdge()
+        if movement.exit_length_m < needed_m and links_over(net, edge.getToNode()):
+            raise NetworkError(
+                f"{net_file}: junction {node.getID()!r}: exit {edge.getID()!r} is {movement.exit_length_m:.1f} m long; "
+                f"{needed_m:.1f} m or more are allowed, for a vehicle of {longest_m:g} m to stand clear of the junction"
             )
 
 

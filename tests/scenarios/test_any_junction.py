@@ -72,6 +72,32 @@ def test_a_full_exit_stops_clearances_and_nobody_in_the_zone(tmp_path: Path, nam
     assert found["vehicles"]["crossed"] > 20
 
 
+def test_vehicles_wait_for_the_next_junction_clear_of_this_one(tmp_path: Path) -> None:
+    """It is 20.6 m from where the exit begins, and they have to yield there to a busy road."""
+    place = site("near-junction", tmp_path)
+    config = place.scenario(tmp_path, 1200.0, 7, DURATION_S)
+    demand = tmp_path / "demand.rou.xml"
+    onward = (
+        demand.read_text()
+        .replace('near_out"', 'near_out east_out"')
+        .replace('edges="near_in', 'edges="east_in near_in')
+    )
+    demand.write_text(onward.replace("<vehicle", BUSY_ROAD + "<vehicle", 1))
+
+    found = in_a_process(sumocfg=str(config), junction=place.junction, duration_s=DURATION_S + 30.0)
+    safety = found["safety"]
+    assert safety["collisions_sumo"] == safety["collisions_geometric"] == safety["teleports"] == 0
+    assert found["standing"] == []
+    assert found["vehicles"]["crossed"] > 20
+    assert found["vehicles"]["in_zone"] <= 2
+
+
+BUSY_ROAD = (
+    '<flow id="busy" type="car" begin="0" end="90" vehsPerHour="800" departSpeed="max">'
+    '<route edges="next_north_in next_south_out"/></flow>'
+)
+
+
 @pytest.mark.parametrize(("name", "junction"), [("cross", "0"), ("grid6", "1/0")])
 def test_a_shipped_scenario_runs_as_it_is(name: str, junction: str) -> None:
     """With its own vehicle types, routes and lights; at grid6 there is another junction 66 m after the exit.

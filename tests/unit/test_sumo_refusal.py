@@ -9,6 +9,7 @@ import pytest
 
 from gameopt_sumo import cli
 from gameopt_sumo.network import NetworkError, read_map
+from gameopt_sumo.scenarios import build_net
 
 
 @pytest.mark.parametrize(
@@ -53,3 +54,21 @@ def test_where_vehicles_alone_cross_there_is_a_map(tmp_path: Path, name: str) ->
     found = read_map(plain_nets.build_plain(name, tmp_path))
     assert found.intersection == plain_nets.CENTRE
     assert found.areas
+
+
+def test_an_exit_too_short_to_stand_clear_in_is_refused(tmp_path: Path) -> None:
+    """Vehicles wait at its end for the next junction; 20.6 m hold a bus, and no longer vehicle."""
+    net = plain_nets.build_plain("near-junction", tmp_path)
+    assert read_map(net, plain_nets.CENTRE).intersection == plain_nets.CENTRE
+    with pytest.raises(NetworkError) as caught:
+        read_map(net, plain_nets.CENTRE, articulated=True)
+    assert str(caught.value).startswith(f"{net}: junction 'centre': exit 'near_out' is 20.6 m long; ")
+    assert "\n" not in str(caught.value)
+
+
+def test_one_that_leaves_the_net_may_be_as_short_as_it_likes(tmp_path: Path) -> None:
+    nodes, edges = ((plain_nets.PLAIN / f"single-lane.{kind}.xml").read_text() for kind in ("nod", "edg"))
+    described = {"node": nodes.replace('x="350"', 'x="25"'), "edge": edges}
+    net = tmp_path / "cut.net.xml"
+    build_net(described, net, ("--no-turnarounds", "true"))
+    assert min(movement.exit_length_m for movement in read_map(net).movements) == pytest.approx(11.8)

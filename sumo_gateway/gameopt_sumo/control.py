@@ -27,6 +27,8 @@ GENTLE_DECEL_MPS2 = 2.0
 """A vehicle is slowed down at this to what the zone's limit allows."""
 HANDOVER_S = 2.0
 """SUMO's driver gets this long before it has to brake for the junction after the exit."""
+STOP_SLACK_M = 0.5
+"""A stop near the line is made this far before where vehicles are held back, so that SUMO's driver does reach it."""
 SAFE_HEADWAY_S = 1.3
 SAFE_GAP_M = 2.5
 """At this gap, with this headway on top, SUMO's driver can take a vehicle over without braking hard."""
@@ -106,10 +108,21 @@ class Control:
         It may never come too near to stop before the line: once it is ready it is taken over, and could not be then.
         """
         self.release(body.vehicle, for_good=False)
+        if body.halts:
+            self._stop_in_time(body.vehicle)
         known = self._about.vehicles[body.vehicle]
         room_m = -body.past_line_m - self._setback_m
         limit_mps = motion.stop_speed(room_m, readings.speed_mps(body.vehicle), known.max_decel_mps2, STEP_S)
         libsumo.vehicle.setSpeed(body.vehicle, max(0.0, limit_mps))
+
+    def _stop_in_time(self, vehicle: str) -> None:
+        """A stop planned nearer to the line than anybody may come is made where vehicles are held back."""
+        stop = readings.next_stop(vehicle)
+        if stop is None or self._places[stop.lane].kind != "approach":
+            return
+        end_m = -self._places[stop.lane].offset_m - self._setback_m - motion.STOP_OFFSET_M - STOP_SLACK_M
+        if stop.start_m > end_m > 0.0:
+            readings.stop_sooner(vehicle, end_m)
 
     def hand_over(self, body: Body, leader: tuple[str, float] | None) -> None:
         """Give a vehicle back in time for the junction at the end of its exit, once its gap is safe for that."""

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Container, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import libsumo
 
@@ -15,6 +16,18 @@ from gameopt_sumo.run_files import Hush, SimulationError, sumo_arguments
 SUMO_FAULTS = (libsumo.TraCIException, libsumo.FatalTraCIError)
 RADAR_BEYOND_EDGE_M = 100.0
 """How far beyond the end of the exit edge a leader is looked for."""
+
+STOP_LENGTH_M = 1.0
+_AS_LONG = 1 | 2 | 4
+"""Beside the road, until somebody gets in, until something is loaded; the other flags name a stopping place."""
+
+
+class Stop(NamedTuple):
+    """Where a stop is planned: its lane, and the stretch of it where the front may be."""
+
+    lane: str
+    start_m: float
+    end_m: float
 
 
 def start(config: Path, seed: int, gui: bool, extra_args: Sequence[str], hush: Hush) -> None:
@@ -63,10 +76,21 @@ def read_vehicle(vehicle: str) -> Vehicle:
     )
 
 
-def next_stop(vehicle: str) -> tuple[str, float] | None:
-    """(lane, end position) of the next stop that a vehicle has planned, or is making; None without one."""
+def next_stop(vehicle: str) -> Stop | None:
+    """The next stop that a vehicle has planned, or is making; None without one."""
     stops = libsumo.vehicle.getStops(vehicle, 1)
-    return (str(stops[0].lane), float(stops[0].endPos)) if stops else None
+    if not stops:
+        return None
+    return Stop(str(stops[0].lane), float(stops[0].startPos), float(stops[0].endPos))
+
+
+def stop_sooner(vehicle: str, end_m: float) -> None:
+    """Let the vehicle make its next stop at a place further up its lane, for as long as it would have."""
+    stop = libsumo.vehicle.getStops(vehicle, 1)[0]
+    edge, _, lane = stop.lane.rpartition("_")
+    start_m = max(0.0, end_m - STOP_LENGTH_M)
+    kept = stop.stopFlags & _AS_LONG
+    libsumo.vehicle.replaceStop(vehicle, 0, edge, end_m, int(lane), stop.duration, kept, start_m, stop.until)
 
 
 def vehicles_on(lane: str) -> tuple[str, ...]:

@@ -118,7 +118,7 @@ class Whereabouts:
         if known.lane != lane or (known.movement is None and place.kind != "exit"):
             known.lane, known.halts = lane, self._halts(vehicle, place)
             stop = readings.next_stop(vehicle)
-            known.stop_m = stop[1] if stop is not None and stop[0] == lane and place.kind == "exit" else None
+            known.stop_m = stop.end_m if stop is not None and stop.lane == lane and place.kind == "exit" else None
             if known.halts:
                 known.movement = None  # SUMO's driver makes the stop, and is in charge until it goes on
             elif place.kind == "approach":
@@ -135,7 +135,7 @@ class Whereabouts:
         if stop is None:
             return False
         for edge in readings.route_ahead(vehicle):
-            if edge == edge_of(stop[0]):
+            if edge == edge_of(stop.lane):
                 return True
             if any(beside.kind == "approach" for _, beside in self._of_edge.get(edge, ())):
                 return False

@@ -31,9 +31,12 @@ def with_stops(config: Path, in_m: float, out_m: float) -> Path:
     return config
 
 
-@pytest.mark.parametrize("in_m", [260.0, 390.0])
+@pytest.mark.parametrize("in_m", [260.0, 390.0, 403.5])
 def test_nobody_collides_with_those_who_stop(tmp_path: Path, in_m: float) -> None:
-    """Just inside the control zone, and 14 m before the line; on the exits 90 m past the conflict zone."""
+    """Just inside the control zone, 14 m before the line, and half a metre before it, nearer than they may come.
+
+    On the exits 90 m past the conflict zone.
+    """
     config = write_four_arm(FourArm(flow_veh_h=3_600.0, seed=5, duration_s=100.0), tmp_path)
     found = in_a_process(sumocfg=str(with_stops(config, in_m, 90.0)), duration_s=130.0)
     vehicles, safety = found["vehicles"], found["safety"]

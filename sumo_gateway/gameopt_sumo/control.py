@@ -52,6 +52,8 @@ class Control:
         if not known.controlled and not known.released and body.on_exit is None:
             self._check_size(known)
             known.controlled = True
+            known.route_id, known.route = readings.route_id(known.id), readings.route_ahead(known.id)
+            known.rerouting_period = readings.set_rerouting_period(known.id, "0")
             libsumo.vehicle.setSpeedMode(known.id, _SPEED_MODE_EXECUTE)
             libsumo.vehicle.setLaneChangeMode(known.id, _LANE_CHANGE_NEVER)
 
@@ -74,6 +76,8 @@ class Control:
         known = self._about.vehicles.get(vehicle)
         if known is not None and known.controlled:
             known.controlled, known.released = False, for_good
+            if known.rerouting_period is not None:
+                readings.set_rerouting_period(vehicle, known.rerouting_period)
             libsumo.vehicle.setSpeed(vehicle, -1.0)
             libsumo.vehicle.setSpeedMode(vehicle, _SPEED_MODE_SUMO)
             libsumo.vehicle.setLaneChangeMode(vehicle, _LANE_CHANGE_SUMO)

@@ -75,6 +75,11 @@ class Vehicle:
     """Where it has planned to stop on the exit lane that it is on."""
     controlled: bool = False
     released: bool = False
+    route_id: str = ""
+    route: tuple[str, ...] = ()
+    """While it is taken over, the route that it is on."""
+    rerouting_period: str | None = None
+    """How often SUMO looked for a better route for it before; None where it never does."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ RADAR_BEYOND_EDGE_M = 100.0
 """How far beyond the end of the exit edge a leader is looked for."""
 
 STOP_LENGTH_M = 1.0
+_REROUTING_PERIOD = "device.rerouting.period"
 _AS_LONG = 1 | 2 | 4
 """Beside the road, until somebody gets in, until something is loaded; the other flags name a stopping place."""
 
@@ -116,6 +117,30 @@ def acceleration_mps2(vehicle: str) -> float:
 def decel_mps2(vehicle: str) -> float:
     """The deceleration of its type."""
     return float(libsumo.vehicle.getDecel(vehicle))
+
+
+def route_id(vehicle: str) -> str:
+    """The id of its route: another one as soon as it has been given another."""
+    return str(libsumo.vehicle.getRouteID(vehicle))
+
+
+def set_route(vehicle: str, edges: Sequence[str]) -> bool:
+    """Give it a route that begins with the edge it is on; False where a road on it is closed."""
+    try:
+        libsumo.vehicle.setRoute(vehicle, list(edges))
+    except libsumo.TraCIException:
+        return False
+    return True
+
+
+def set_rerouting_period(vehicle: str, period: str) -> str | None:
+    """How often SUMO looks for a better route for it, s, "0" for never; what it was, None where it never does."""
+    api = libsumo.vehicle
+    if api.getParameter(vehicle, "has.rerouting.device") != "true":
+        return None
+    before = str(api.getParameter(vehicle, _REROUTING_PERIOD))
+    api.setParameter(vehicle, _REROUTING_PERIOD, period)
+    return before
 
 
 def route_ahead(vehicle: str) -> tuple[str, ...]:

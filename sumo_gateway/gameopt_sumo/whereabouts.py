@@ -115,6 +115,8 @@ class Whereabouts:
         if known is None:
             known = self.vehicles[vehicle] = readings.read_vehicle(vehicle)
         place = self._layout.places[lane]
+        if known.controlled and place.kind in ("approach", "upstream"):
+            self._keep_movement(known)
         if known.lane != lane or (known.movement is None and place.kind != "exit"):
             known.lane, known.halts = lane, self._halts(vehicle, place)
             stop = readings.next_stop(vehicle)
@@ -128,6 +130,23 @@ class Whereabouts:
             elif place.kind == "internal":
                 known.movement = place.movement
         return known
+
+    def _keep_movement(self, known: Vehicle) -> None:
+        """Who is given another route while it is taken over keeps its old one, if the new one needs another movement.
+
+        It has spoken of that movement, and may hold a clearance for it.
+        """
+        route_id = readings.route_id(known.id)
+        if route_id == known.route_id:
+            return
+        ahead = readings.route_ahead(known.id)
+        if self._movement_beyond(known.id) != known.movement:
+            before = known.route[known.route.index(ahead[0]) :]
+            if readings.set_route(known.id, before):
+                ahead = before
+            else:
+                known.movement = None  # its road is closed: it goes where the new one leads from its lane
+        known.route_id, known.route = readings.route_id(known.id), ahead
 
     def _halts(self, vehicle: str, place: Place) -> bool:
         """Whether a vehicle has planned a stop on its way to the line: on its route up to the approach it takes."""

@@ -182,6 +182,23 @@ def fails(sumocfg: Path, junction: str | None = None, extra: tuple[str, ...] = (
     return "started"
 
 
+def rerouting_periods(sumocfg: Path, period: str) -> dict[str, list[str]]:
+    """How often SUMO looks for better routes for those who are taken over, and for the others, s."""
+    import libsumo
+
+    options = ("--device.rerouting.probability", "1", "--device.rerouting.period", period)
+    found: dict[str, set[str]] = {"controlled": set(), "others": set()}
+    with Simulation(sumocfg, extra_args=options, measure=False) as simulation:
+        for _ in range(1200):
+            for seen in simulation.step():
+                if seen.controlled:
+                    simulation.set_speed(seen.vehicle, at_limits(simulation, seen))
+            for vehicle in libsumo.vehicle.getIDList():
+                who = "controlled" if simulation.controls(vehicle) else "others"
+                found[who].add(libsumo.vehicle.getParameter(vehicle, "device.rerouting.period"))
+    return {who: sorted(periods) for who, periods in found.items()}
+
+
 def too_large(sumocfg: Path, junction: str) -> str:
     """What the simulation says of the first vehicle that its map does not cover."""
     with Simulation(sumocfg, junction, measure=False) as simulation:

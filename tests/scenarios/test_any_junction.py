@@ -98,6 +98,28 @@ BUSY_ROAD = (
 )
 
 
+REROUTER = (
+    '<additional><rerouter id="elsewhere" edges="west_in north_in"><interval begin="0" end="1000">'
+    '<destProbReroute id="south_out"/><destProbReroute id="east_out"/></interval></rerouter></additional>'
+)
+
+
+def test_who_is_given_another_route_keeps_its_movement(tmp_path: Path) -> None:
+    """In the zone, on the way from the widening to the line, SUMO sends everybody elsewhere; nobody is left over."""
+    place = site("fan", tmp_path)
+    config = place.scenario(tmp_path, 1600.0, 7, DURATION_S)
+    (tmp_path / "elsewhere.add.xml").write_text(REROUTER)
+    files = '<additional-files value="elsewhere.add.xml"/></input>'
+    config.write_text(config.read_text().replace("</input>", files))
+
+    found = in_a_process(sumocfg=str(config), junction=place.junction, duration_s=DURATION_S + 40.0)
+    safety = found["safety"]
+    assert safety["collisions_sumo"] == safety["collisions_geometric"] == safety["teleports"] == 0
+    assert found["rejected"] == {}
+    assert found["vehicles"]["in_zone"] == 0
+    assert found["vehicles"]["crossed"] > 20
+
+
 @pytest.mark.parametrize(("name", "junction"), [("cross", "0"), ("grid6", "1/0")])
 def test_a_shipped_scenario_runs_as_it_is(name: str, junction: str) -> None:
     """With its own vehicle types, routes and lights; at grid6 there is another junction 66 m after the exit.

@@ -134,6 +134,10 @@ def test_a_vehicle_is_given_back_before_a_junction_where_it_has_to_yield(run: Ru
     assert found["controlled"] == []
 
 
+def test_sumo_looks_for_no_other_route_for_those_who_are_taken_over(run: Run, quiet: Path) -> None:
+    assert run(sumo_runs.rerouting_periods, quiet, "7") == {"controlled": ["0.00"], "others": ["7.00"]}
+
+
 def test_a_vehicle_too_large_for_the_map_is_one_line(run: Run) -> None:
     """SUMO's game has buses of 12.5 m and trucks with trailers there."""
     said = run(sumo_runs.too_large, Path(sumo.SUMO_HOME, "tools", "game", "cross.sumocfg"), "0")

@@ -23,7 +23,9 @@ from pathlib import Path
 from typing import Any
 
 import click
-from sweep import LIBRARIES, two_processes
+from sweep import LIBRARIES
+
+from gameopt_sumo.compare.processes import two_processes
 
 sys.path.append(str(Path(__file__).parents[1] / "maps"))
 from plain_nets import NAMES

@@ -1,0 +1,106 @@
+"""What all runs of a results folder have in common; a folder made with anything else is refused, never mixed."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from gameopt_wire import WIRE_VERSION
+
+SCHEMA = "gameopt-compare/1"
+REPORT_SCHEMA = "gameopt-report/1"
+"""The reports that can be compared; any other is a failed run."""
+FILE = "settings.json"
+LIBRARIES = ("gameopt", "eclipse-zenoh", "osqp", "libsumo", "numpy", "numba")
+TUNING_SEEDS = (201, 202)
+"""Lights are tuned on the arrivals of these seeds, which no comparison uses."""
+
+Geometry = Literal["areas", "box"]
+
+
+class SettingsError(Exception):
+    """Settings that are not allowed, or not those of the folder; one line."""
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True):
+    """Durations in s. `sumo` is a scenario of the user's own, with the digest of its configuration and net."""
+
+    schema: str = SCHEMA
+    report_schema: str = REPORT_SCHEMA
+    versions: dict[str, str]
+    duration_s: float
+    warmup_s: float
+    geometry: Geometry = "areas"
+    turn_speed: bool = True
+    tuning_budget: int
+    """Signal plans tried, for each demand, before the lights are frozen."""
+    tuning_seeds: tuple[int, ...] = TUNING_SEEDS
+    sumo: str | None = None
+    sumo_digest: str | None = None
+    junction: str | None = None
+
+    def __post_init__(self) -> None:
+        """Raises `SettingsError`."""
+        if not 0.0 <= self.warmup_s < self.duration_s:
+            raise SettingsError(f"--warmup {self.warmup_s:g} s must be less than --duration {self.duration_s:g} s")
+
+
+def versions() -> dict[str, str]:
+    """Of everything that shapes a result."""
+    return {
+        "wire": str(WIRE_VERSION),
+        "python": platform.python_version(),
+        **{name: version(name) for name in LIBRARIES},
+    }
+
+
+def digest(*files: Path) -> str:
+    """One digest of these files. Raises `SettingsError`."""
+    total = hashlib.sha256()
+    for file in files:
+        try:
+            total.update(hashlib.sha256(file.read_bytes()).digest())
+        except OSError as error:
+            raise SettingsError(f"{file}: cannot read: {error.strerror or error}") from None
+    return total.hexdigest()
+
+
+def claim(out: Path, settings: Settings) -> None:
+    """Make `out` the folder of these settings, or see that it is. Raises `SettingsError`."""
+    path = out / FILE
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if path.exists():
+            _agree(path, settings)
+        elif (out / "results.json").exists():
+            raise SettingsError(f"{out}: has results.json but no {FILE}; choose another --out")
+        else:
+            write_whole(path, msgspec.json.format(msgspec.json.encode(settings), indent=2) + b"\n")
+    except OSError as error:
+        raise SettingsError(f"{out}: cannot write: {error.strerror or error}") from None
+
+
+def _agree(path: Path, settings: Settings) -> None:
+    try:
+        before: dict[str, Any] = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+    except msgspec.DecodeError as error:
+        raise SettingsError(f"{path}: not the settings of a comparison: {error}") from None
+    now: dict[str, Any] = msgspec.to_builtins(settings)
+    for name in {**before, **now}:
+        if before.get(name) != now.get(name):
+            then, want = msgspec.json.encode(before.get(name)).decode(), msgspec.json.encode(now.get(name)).decode()
+            raise SettingsError(
+                f"{path.parent}: its results were made with {name} {then}, not {want}; choose another --out"
+            )
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file so that it is there whole or not at all."""
+    partial = path.with_name(path.name + ".part")
+    partial.write_bytes(content)
+    partial.replace(path)

@@ -51,7 +51,7 @@ class FourArm:
     turns: Turns = (0.25, 0.5, 0.25)
     """Shares of right, straight, left."""
     classes: Mapping[str, float] = field(default_factory=lambda: _DEFAULT_CLASSES)
-    """Shares of car, truck, emergency."""
+    """Shares of car, truck, emergency, taxi."""
     lanes: int = 3
     """Per approach. 3: one for each intention; 2: right and straight share one; 1: all share one."""
     seed: int = 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from gameopt_sumo.compare.processes import BIN, Processes, Stopped, last_line
+from gameopt_sumo.compare.processes import BIN, Processes, last_line
 from gameopt_sumo.scenarios import FourArm, write_four_arm
 
 FOLDER = "computation"
@@ -45,12 +46,33 @@ class Growth(NamedTuple):
         return self.constant_ms + self.slope_ms * vehicles * math.log2(vehicles)
 
 
+class Joint(NamedTuple):
+    """Medians over recorded states of one size: the joint MIQP by SCIP, and the paper's auction with its programs.
+
+    `proven` is the share of states whose optimum was proven within the limit; for the others the limit is the time.
+    `excess` is by what share the auction's objective is above the optimum, where that was proven.
+    """
+
+    vehicles: int
+    states: int
+    proven: float
+    joint_ms: float
+    auction_ms: float
+    full_rows_ms: float
+    excess: float | None
+
+    @property
+    def factor(self) -> float:
+        """How many times longer the joint program takes; at least, where it was not always solved."""
+        return self.joint_ms / self.auction_ms
+
+
 @dataclass(frozen=True)
 class Computation:
-    """What was measured; `optimal` is what `gameopt_im.optimal` wrote, `failed` what went wrong by step."""
+    """What was measured, and what went wrong by step."""
 
     decisions: list[Decision] = field(default_factory=list)
-    optimal: dict[str, Any] = field(default_factory=dict)
+    joint: list[Joint] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -66,6 +88,10 @@ class Computation:
         }
         if (growth := self.growth) is not None:
             shown["n log n fitted to the median"] = [(d.vehicles, growth.at(d.vehicles)) for d in self.decisions]
+        if self.joint:
+            shown["joint MIQP, median"] = [(j.vehicles, j.joint_ms) for j in self.joint]
+            shown["paper's auction and QPs, median"] = [(j.vehicles, j.auction_ms) for j in self.joint]
+            shown["the same on full rows"] = [(j.vehicles, j.full_rows_ms) for j in self.joint]
         return shown
 
 
@@ -132,7 +158,25 @@ def read(out: Path) -> Computation | None:
     decisions = [
         Decision(m["vehicles"], m["stages_ms"]["decision"]["p50"], m["stages_ms"]["decision"]["p99"]) for m in bench
     ]
-    return Computation(decisions, _json(folder / OPTIMAL), _json(folder / FAILED))
+    joint = [_joint(size["vehicles"], size["states"]) for size in _json(folder / OPTIMAL).get("sizes", [])]
+    return Computation(decisions, joint, _json(folder / FAILED))
+
+
+def _joint(vehicles: int, states: list[dict[str, Any]]) -> Joint:
+    def median_ms(name: str) -> float:
+        return 1000.0 * statistics.median(float(state[name]) for state in states)
+
+    proven = [state for state in states if state["solved"]]
+    excesses = [state["auction"] / state["optimal"] - 1.0 for state in proven if state["optimal"]]
+    return Joint(
+        vehicles=vehicles,
+        states=len(states),
+        proven=len(proven) / len(states),
+        joint_ms=median_ms("optimal_s"),
+        auction_ms=median_ms("auction_s"),
+        full_rows_ms=median_ms("full_rows_s"),
+        excess=statistics.median(excesses) if excesses else None,
+    )
 
 
 def _json(path: Path) -> dict[str, Any]:

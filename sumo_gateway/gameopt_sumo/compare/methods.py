@@ -48,20 +48,20 @@ _FIXED = (
     Method(name="all-way-stop", about="SUMO's own all-way stop", control="all-way-stop"),
     Method(name="own", about="the net's own control, under SUMO's drivers", control="own"),
 )
-_ABOUT = {
-    "coop-fifo": "our manager, first come first served",
-    "coop-v1": "our manager with one kinematic bid, the earlier GameOpt",
-    "stop-sign": "the paper's stop sign: first in first out, every vehicle halts at the line, box geometry",
-}
+_BOX = ("stop-sign",)
+"""Configurations that are measured with box geometry only."""
 
 
 def known() -> dict[str, Method]:
     """Every method by name: those above, and one for each configuration."""
     methods = {method.name: method for method in _FIXED}
     for path in sorted(CONFIGURATIONS.glob("*.toml")):
-        box: Geometry | None = "box" if path.stem == "stop-sign" else None
-        about = _ABOUT.get(path.stem, f"our manager, set up by {path.name}")
-        methods[path.stem] = Method(name=path.stem, about=about, configuration=path, geometry=box)
+        methods[path.stem] = Method(
+            name=path.stem,
+            about=path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# "),
+            configuration=path,
+            geometry="box" if path.stem in _BOX else None,
+        )
     return methods
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from typing import NamedTuple
 
 from gameopt_sumo.compare import claims
 from gameopt_sumo.compare.claims import Row
-from gameopt_sumo.compare.computation import Computation
+from gameopt_sumo.compare.computation import Computation, Joint
 from gameopt_sumo.compare.methods import known
 from gameopt_sumo.compare.plots import FOLDER
 from gameopt_sumo.compare.results import Entry, at, figure, whole
@@ -82,7 +82,9 @@ the vehicles left waiting upstream at the end.
 
 def _failed(entries: Sequence[Entry], computation: Computation | None) -> str:
     lines = [f"- `{e['run']}`: {e['failed']}" for e in entries if e["failed"] is not None]
-    lines += [f"- computation, {name}: {reason}" for name, reason in (computation.failed if computation else {}).items()]
+    lines += [
+        f"- computation, {name}: {reason}" for name, reason in (computation.failed if computation else {}).items()
+    ]
     return "## Failed\n\nIn no mean below:\n\n" + "\n".join(lines) if lines else ""
 
 
@@ -97,28 +99,34 @@ def _claims(entries: Sequence[Entry], ours: str, computation: Computation | None
         where = ", the highest demand measured" if flow == most else ""
         tables.append(_claim_table(f"At {flow:,.0f} veh/h{where}", claims.over_others(entries, ours, flow)))
     uneven = {e["flow_veh_h"] for e in whole(entries, knob=None, ratio=4.0)}
-    for flow in sorted(uneven) or [5200.0]:
-        tables.append(
-            _claim_table(f"Unbalanced inflow at {flow:,.0f} veh/h", claims.unbalanced(entries, ours, flow))
-        )
+    tables += [
+        _claim_table(f"Unbalanced inflow at {flow:,.0f} veh/h", claims.unbalanced(entries, ours, flow))
+        for flow in sorted(uneven) or [claims.UNBALANCED_FLOW_VEH_H]
+    ]
     tables.append(_claim_table("Computation", claims.decisions(entries, ours, computation)))
     return f"""## The paper's claims, and `{ours}`
 
 Changes are taken seed by seed. Ratio: measured over claimed. Against another method a claim is *reproduced* by \
-{claims.NEAR:.0%} of the claimed change or more; *unperturbed* is a change of at most {claims.FLAT:.0%}; what a method \
-itself loses is reproduced within {claims.CLOSE:.0%}. Waiting: vehicles upstream at the end, ours / theirs (1:1 / 4:1). \
+{claims.NEAR:.0%} of the claimed change or more; *unperturbed* is a change of at most {claims.FLAT:.0%}; what a \
+method itself loses or gains is reproduced within {claims.CLOSE:.0%} of it. Waiting: vehicles upstream at the end, \
+ours / theirs (1:1 / 4:1). \
 The labels are those of the paper's LaTeX source.
 
 """ + "\n\n".join(tables)
 
 
-def _claim_table(title: str, rows: Iterable[Row]) -> str:
-    lines = [
-        f"| {row.words} (`{row.label}`) | {row.claimed} | {row.measured} | {row.ratio} | {row.waiting} | {row.verdict} |"
-        for row in rows
-    ]
-    head = "| claim | paper | measured | ratio | waiting | verdict |\n| --- | ---: | ---: | ---: | ---: | --- |"
-    return f"### {title}\n\n{head}\n" + "\n".join(lines)
+def _claim_table(title: str, rows: Sequence[Row]) -> str:
+    """The claims there are data for, and below them, in one line, those there are none for."""
+    lacking = "; ".join(f"{row.words}, {row.claimed}" for row in rows if row.verdict == claims.NO_DATA)
+    cells = (
+        (f"{r.words} (`{r.label}`)", r.claimed, r.measured, r.ratio, r.waiting, r.verdict)
+        for r in rows
+        if r.verdict != claims.NO_DATA
+    )
+    lines = [f"| {' | '.join(row)} |" for row in cells]
+    head = ["| claim | paper | measured | ratio | waiting | verdict |", "| --- | ---: | ---: | ---: | ---: | --- |"]
+    table = "\n\n" + "\n".join((*head, *lines)) if lines else ""
+    return f"### {title}{table}" + (f"\n\nNo data for: {lacking}." if lacking else "")
 
 
 def _view(view: View, plots: Sequence[str]) -> str:
@@ -178,12 +186,31 @@ def _ablation(flow: float, group: dict[str, list[Entry]], plots: Sequence[str]) 
 
 
 def _computation(computation: Computation, plots: Sequence[str]) -> str:
-    lines = [f"| {d.vehicles:g} | {d.p50_ms:.2f} | {d.p99_ms:.2f} |" for d in computation.decisions]
-    text = "## Computation\n\n| vehicles | median ms | 99th percentile ms |\n| ---: | ---: | ---: |\n" + "\n".join(lines)
+    parts = ["## Computation"]
+    if computation.decisions:
+        lines = [f"| {d.vehicles:g} | {d.p50_ms:.2f} | {d.p99_ms:.2f} |" for d in computation.decisions]
+        head = "| vehicles | median ms | 99th percentile ms |\n| ---: | ---: | ---: |"
+        parts.append(f"Decision, snapshot in and commands out, on made-up traffic:\n\n{head}\n" + "\n".join(lines))
     if (growth := computation.growth) is not None:
-        text += (
-            f"\n\nThe median follows {growth.constant_ms:.2f} ms + {1000.0 * growth.slope_ms:.2f} us n log2 n "
-            f"(R^2 {growth.r_squared:.3f})."
-        )
-    shown = f"\n\n- [decision time against vehicles]({FOLDER}/computation.png)" if "computation" in plots else ""
-    return text + shown
+        fit = f"{growth.constant_ms:.2f} ms + {1000.0 * growth.slope_ms:.2f} us n log2 n (R^2 {growth.r_squared:.3f})"
+        parts.append(f"Least-squares fit of the median: {fit}.")
+    if computation.joint:
+        parts.append(_joint(computation.joint))
+    if "computation" in plots:
+        parts.append(f"- [decision time against vehicles]({FOLDER}/computation.png)")
+    return "\n\n".join(parts)
+
+
+def _joint(sizes: Sequence[Joint]) -> str:
+    lines = [
+        f"| {j.vehicles} | {j.states} | {j.proven:.0%} | {j.joint_ms:.1f} | {j.auction_ms:.2f} | {j.full_rows_ms:.2f} "
+        f"| {j.factor:,.0f} | {'-' if j.excess is None else f'{j.excess:+.1%}'} |"
+        for j in sizes
+    ]
+    names = ["vehicles", "states", "proven optimal", "joint MIQP ms", "auction and QPs ms", "on full rows ms"]
+    names += ["times faster", "objective above the optimum"]
+    head = f"| {' | '.join(names)} |\n|{' ---: |' * len(names)}"
+    return (
+        "The joint program of order and speeds (SCIP) against the paper's auction and its QPs, with reduced and with "
+        f"full lateral rows, on the same recorded states; medians:\n\n{head}\n" + "\n".join(lines)
+    )

@@ -38,14 +38,17 @@ def draw(out: Path, entries: Sequence[Entry], computation: Computation | None) -
 
 
 def _styles(methods: Sequence[str]) -> dict[str, dict[str, Any]]:
+    return {method: _style(k) for k, method in enumerate(in_order(methods))}
+
+
+def _style(k: int) -> dict[str, Any]:
+    """The k-th look: no two of a dozen share marker and line."""
+    shade = _SHADES[k % len(_SHADES)]
     return {
-        method: {
-            "marker": _MARKERS[k % len(_MARKERS)],
-            "linestyle": _LINES[k % len(_LINES)],
-            "color": _SHADES[k % len(_SHADES)],
-            "markerfacecolor": _SHADES[k % len(_SHADES)] if k % 2 == 0 else "white",
-        }
-        for k, method in enumerate(in_order(methods))
+        "marker": _MARKERS[k % len(_MARKERS)],
+        "linestyle": _LINES[k % len(_LINES)],
+        "color": shade,
+        "markerfacecolor": shade if k % 2 == 0 else "white",
     }
 
 
@@ -104,7 +107,11 @@ def _computation_figure(computation: Computation) -> Any:
     canvas = Canvas(figsize=(6.4, 4.4), layout="constrained")
     axes = canvas.add_subplot()
     for k, (label, points) in enumerate(computation.lines().items()):
-        style = {"marker": _MARKERS[k], "linestyle": _LINES[k % len(_LINES)], "color": _SHADES[k % len(_SHADES)]}
+        style: dict[str, Any] = {
+            "marker": _MARKERS[k],
+            "linestyle": _LINES[k % len(_LINES)],
+            "color": _SHADES[k % len(_SHADES)],
+        }
         axes.plot([n for n, _ in points], [ms for _, ms in points], label=label, **style)
     axes.set_xscale("log")
     axes.set_yscale("log")

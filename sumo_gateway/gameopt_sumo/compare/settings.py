@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
@@ -15,7 +18,7 @@ from gameopt_wire import WIRE_VERSION
 SCHEMA = "gameopt-compare/1"
 REPORT_SCHEMA = "gameopt-report/1"
 """The reports that can be compared; any other is a failed run."""
-FILE = "settings.json"
+FILE, LOCK = "settings.json", ".lock"
 LIBRARIES = ("gameopt", "eclipse-zenoh", "osqp", "libsumo", "numpy", "numba")
 TUNING_SEEDS = (201, 202)
 """Lights are tuned on the arrivals of these seeds, which no comparison uses."""
@@ -104,3 +107,14 @@ def write_whole(path: Path, content: bytes) -> None:
     partial = path.with_name(path.name + ".part")
     partial.write_bytes(content)
     partial.replace(path)
+
+
+@contextmanager
+def alone(out: Path) -> Iterator[None]:
+    """Keep a second comparison out of the folder while this one runs. Raises `SettingsError`."""
+    with (out / LOCK).open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise SettingsError(f"{out}: another comparison is at work in it") from None
+        yield

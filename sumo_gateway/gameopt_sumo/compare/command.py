@@ -55,9 +55,9 @@ _NUMBERS = _listed(float, "numbers")
 @click.option("--geometry", type=click.Choice(["areas", "box"]), default="areas", help="Of methods without their own.")
 @click.option("--ignore-turn-speed", is_flag=True, help="Our methods turn at the lane's limit.")
 @click.option("--sumo", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE.sumocfg",
-              help="A net and arrivals of your own; methods: own and those of our manager.")  # fmt: skip
+              help="A net and arrivals of your own; not for lights that have to be tuned.")  # fmt: skip
 @click.option("--junction", metavar="ID", help="The junction, where the net of --sumo has several.")
-@click.option("--tuning-budget", type=click.IntRange(1, 10000), default=60, metavar="N",
+@click.option("--tuning-budget", type=click.IntRange(1, 100_000), default=80, metavar="N",
               help="Signal plans tried for each demand before the lights are frozen.")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(1, 256), metavar="N", show_default="half the cores",
               help="Runs at a time; one of ours is two processes.")  # fmt: skip

@@ -83,10 +83,7 @@ def named(name: str) -> Method:
 
 
 def check_goes_with(method: Method, sumo: Path | None) -> None:
-    """Refuse what needs a generated scenario under a net of the user's own, and the other way round."""
-    if sumo is not None and not method.ours and method.name != "own":
-        raise MethodError(
-            f"{method.name} needs a generated scenario; with --sumo the methods are own and those of our manager"
-        )
-    if sumo is None and method.name == "own":
-        raise MethodError("own needs --sumo FILE.sumocfg: a generated scenario has no control of its own")
+    """Refuse what needs a generated scenario on a net of the user's own. Raises `MethodError`."""
+    if sumo is not None and method.plan is not None:
+        fine = ", ".join(name for name, other in known().items() if other.plan is None)
+        raise MethodError(f"{method.name} needs a generated scenario to be tuned on; allowed with --sumo: {fine}")

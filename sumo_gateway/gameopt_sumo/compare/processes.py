@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -51,7 +52,10 @@ class Processes:
             self._stopped = True
             running = list(self._running)
         for process in running:
-            process.terminate()
+            if self._apart and process.poll() is None:
+                os.killpg(process.pid, signal.SIGTERM)  # with whatever it has started itself
+            else:
+                process.terminate()
 
     def run(self, command: Sequence[Any], log: Path) -> int:
         """A program from start to end, its output in `log`; the exit code. Raises `Stopped`."""

@@ -150,11 +150,8 @@ def _by_sumo(run: Run, method: Method, place: Place, report: Path, processes: Pr
     """A control of SUMO's own, in a process of its own."""
     settings = place.settings
     assert method.control is not None
-    if method.control == "own":
-        command = [sys.executable, "-m", "gameopt_sumo.compare.own", place.scenario(run)]
-    else:
-        command = [sys.executable, "-m", "gameopt_sumo.baselines", "run", place.scenario(run)]
-        command += ["--method", method.control]
+    command: list[Any] = [sys.executable, "-m", "gameopt_sumo.baselines", "run", place.scenario(run)]
+    command += ["--method", method.control, "--name", method.name]
     if method.plan is not None:
         command += ["--plan", plans.plan_file(place.out, plans.needed(run, method))]
     if settings.junction is not None:

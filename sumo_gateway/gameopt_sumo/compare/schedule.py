@@ -43,11 +43,12 @@ def carry_out(place: Place, runs: Sequence[Run], jobs: int, console: Console) ->
 def _tune(
     place: Place, tunings: Sequence[Tuning], jobs: int, processes: Processes, console: Console
 ) -> dict[Tuning, str]:
-    """Tune lights, one search after the other, each on all cores; what went wrong with those that failed."""
+    """Tune lights, one search after the other; what went wrong with those that failed."""
     wrong: dict[Tuning, str] = {}
 
     def search(tuning: Tuning, processes: Processes) -> None:
-        if (reason := plans.tune(place.out, tuning, place.settings, jobs, processes)) is not None:
+        # A trial is one process, where one of our runs is two.
+        if (reason := plans.tune(place.out, tuning, place.settings, 2 * jobs, processes)) is not None:
             wrong[tuning] = reason
 
     _together("tuning lights", [(1.0, partial(search, tuning)) for tuning in tunings], 1, processes, console)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -38,7 +39,14 @@ def _listed(convert: Callable[[str], Any], what: str) -> Callable[..., tuple[Any
     return read
 
 
-_NUMBERS = _listed(float, "numbers")
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(text)
+    return number
+
+
+_NUMBERS = _listed(_finite, "numbers")
 
 
 @click.command(epilog=_EPILOG, context_settings={"max_content_width": 110})
@@ -90,9 +98,10 @@ def _compare(out: Path, jobs: int | None, seeds: int, sumo: Path | None, **optio
     place = Place(out, settings)
     with alone(out):
         try:
-            run_now = schedule.carry_out(place, runs, jobs or max(1, cores() // 2), console)
-            if experiment.computation:
-                computation.measure(out, console)
+            with schedule.interruptible():
+                run_now = schedule.carry_out(place, runs, jobs or max(1, cores() // 2), console)
+                if experiment.computation:
+                    computation.measure(out, console)
         except KeyboardInterrupt:
             whole = sum(map(place.done, runs))
             click.echo(f"interrupted: {whole} of {len(runs)} runs are whole; the same command goes on", err=True)

@@ -109,6 +109,8 @@ class Processes:
             yield process
         finally:
             _end(process)
+            if process.stderr is not None:
+                process.stderr.close()
             with self._lock:
                 self._running.discard(process)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 
 import msgspec
@@ -29,14 +29,12 @@ def carry_out(place: Place, runs: Sequence[Run], jobs: int, console: Console) ->
     """Run whatever has no whole report yet; how many that was. Raises `KeyboardInterrupt` once all has ended."""
     todo = [run for run in runs if not place.done(run)]
     processes = Processes(apart=True)
-    with _interruptible():
-        for run in todo:
-            place.make_scenario(run)
-        tunings = sorted({plans.needed(run, method) for run in todo if (method := named(run.method)).plan})
-        wrong = _tune(place, tunings, jobs, processes, console)
-        ready = [run for run in todo if not _spoiled(run, place, wrong)]
-        work = [(_cost(run), partial(perform, run, place)) for run in ready]
-        _together("runs", work, jobs, processes, console)
+    for run in todo:
+        place.make_scenario(run)
+    tunings = sorted({plans.needed(run, method) for run in todo if (method := named(run.method)).plan})
+    wrong = _tune(place, tunings, jobs, processes, console)
+    ready = [run for run in todo if not _spoiled(run, place, wrong)]
+    _together("runs", [(_cost(run), partial(perform, run, place)) for run in ready], jobs, processes, console)
     return len(todo)
 
 
@@ -88,16 +86,16 @@ def _together(what: str, work: Sequence[tuple[float, Work]], jobs: int, processe
     with ThreadPoolExecutor(jobs) as pool, Progress(*columns, console=console, disable=not work) as bar:
         task = bar.add_task(what, total=len(work))
         scale = len(work) / total if total else 1.0
-        costs = {pool.submit(do, processes): cost * scale for cost, do in work}
+        costs: dict[Future[None], float] = {}
         try:
+            for cost, do in work:
+                costs[pool.submit(do, processes)] = cost * scale
             for future in _as_completed(costs):
                 future.result()
                 bar.advance(task, costs[future])
         except BaseException:
             processes.stop()
-            for future in costs:
-                future.cancel()
-            wait(costs)
+            pool.shutdown(cancel_futures=True)
             raise
 
 
@@ -109,15 +107,15 @@ def _as_completed(futures: dict[Future[None], float]) -> Iterator[Future[None]]:
 
 
 @contextmanager
-def _interruptible() -> Iterator[None]:
-    """SIGTERM ends the comparison as Ctrl-C does. `Stopped` is no news to whoever asked for it."""
-    before = signal.getsignal(signal.SIGTERM)
-    with suppress(ValueError):  # not in the main thread, as in some tests
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+def interruptible() -> Iterator[None]:
+    """SIGINT and SIGTERM both raise `KeyboardInterrupt`, also where a shell has started us with SIGINT ignored."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    for number in before:
+        signal.signal(number, signal.default_int_handler)
     try:
         yield
-    except Stopped:
+    except Stopped:  # is no news to whoever asked for it
         raise KeyboardInterrupt from None
     finally:
-        with suppress(ValueError):
-            signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -93,7 +93,7 @@ def _agree(path: Path, settings: Settings) -> None:
         before: dict[str, Any] = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
     except msgspec.DecodeError as error:
         raise SettingsError(f"{path}: not the settings of a comparison: {error}") from None
-    now: dict[str, Any] = msgspec.to_builtins(settings)
+    now: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(settings))
     for name in {**before, **now}:
         if before.get(name) != now.get(name):
             then, want = msgspec.json.encode(before.get(name)).decode(), msgspec.json.encode(now.get(name)).decode()

@@ -16,6 +16,7 @@ from gameopt_sumo.baselines.plan import BaselineError, Left, Plan, Right
 from gameopt_sumo.baselines.report import SCHEMA, Report
 from gameopt_sumo.junction import read_net
 from gameopt_sumo.network import read_map
+from gameopt_sumo.run_files import net_file_of
 from gameopt_sumo.scenarios import JUNCTION, FourArm, write_four_arm
 from gameopt_vehicles import report as ours
 
@@ -218,6 +219,19 @@ def test_the_report_has_the_fields_of_our_own() -> None:
         assert mine[part].__struct_fields__ == theirs[part].__struct_fields__
     (_, mine_class), (_, their_class) = mine["by_class"].__args__, theirs["by_class"].__args__
     assert mine_class.__struct_fields__ == their_class.__struct_fields__
+
+
+@pytest.mark.parametrize(
+    ("own", "named"),
+    [
+        ((), None),
+        (("--net-file", "other.net.xml"), "other.net.xml"),
+        (("-n=a.net.xml", "--scale", "2"), "a.net.xml"),
+        (("--net", "a.net.xml", "--net-file", "b.net.xml"), "b.net.xml"),
+    ],
+)
+def test_the_map_is_read_from_the_net_that_sumo_loads(config: Path, own: tuple[str, ...], named: str | None) -> None:
+    assert net_file_of(config, own) == (Path(named) if named else config.with_name("four-arm.net.xml"))
 
 
 def _exit_code(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> object:

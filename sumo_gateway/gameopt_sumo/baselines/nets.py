@@ -42,14 +42,14 @@ def lights(net_file: Path, junction: str | None, plan: Plan, out: Path) -> None:
             root.remove(old)
     root.insert(at, program(signals(net, node), light, width, plan))
     tree.write(out, encoding="unicode", xml_declaration=True)
-    _same_ground(net_file, out, name)
+    same_ground(net_file, out, name)
 
 
 def all_way_stop(net_file: Path, junction: str | None, out: Path) -> None:
     """Write the net with an all-way stop. Raises `BaselineError`, `NetworkError`, `ScenarioError`."""
     name = str(choose(read_net(net_file), net_file, junction).getID())
     _rebuild(net_file, name, "allway_stop", out)
-    _same_ground(net_file, out, name)
+    same_ground(net_file, out, name)
 
 
 def _rebuild(net_file: Path, junction: str, kind: Literal["traffic_light", "allway_stop"], out: Path) -> None:
@@ -75,7 +75,7 @@ def _over(link: Any) -> Way:
     return Way(link.length_m, min(lane.getSpeed() for lane in link.internal))
 
 
-def _same_ground(before: Path, after: Path, junction: str) -> None:
+def same_ground(before: Path, after: Path, junction: str) -> None:
     """Whoever drives must find the same road. Raises `BaselineError` at the first lane that differs."""
     old, new = ground(before, junction), ground(after, junction)
     for name in sorted(old.keys() | new.keys()):

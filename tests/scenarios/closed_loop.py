@@ -157,6 +157,24 @@ def watch_standing(road: Any) -> set[str]:
     return standing
 
 
+def watch_halts(road: Any) -> dict[str, bool]:
+    """Who has crossed its line, and whether it had come to a stand within 2 m of it."""
+    step = road.step
+    stood: set[str] = set()
+    crossed: dict[str, bool] = {}
+
+    def watched() -> Any:
+        observations = step()
+        stood.update(seen.vehicle for seen in observations if seen.speed_mps < 0.1 and 0.0 < seen.distance_m < 2.0)
+        for seen in observations:
+            if seen.distance_m < 0.0:
+                crossed.setdefault(seen.vehicle, seen.vehicle in stood)
+        return observations
+
+    road.step = watched
+    return crossed
+
+
 async def drive(
     sumocfg: str,
     duration_s: float,
@@ -168,17 +186,18 @@ async def drive(
     inflate_m: float = 0.0,
     profile: Any = "default",
     geometry: Any = "areas",
+    configuration: str = "",
     **settings: Any,
 ) -> dict[str, Any]:
     """One run: collisions by both counts, vehicles, programs and a digest of all commands."""
-    from gameopt_im.core.parameters import Parameters
+    from gameopt_im import config
     from gameopt_im.manager import Manager
     from gameopt_im.options import ServeOptions
     from gameopt_im.service import pool_of
     from gameopt_sumo.simulation import Simulation
     from gameopt_vehicles.fleet import Fleet, Settings
 
-    parameters = Parameters()
+    parameters = config.parse(configuration)
     if broken == "margin":
         parameters = break_margins()
     elif broken == "rear end":
@@ -187,7 +206,7 @@ async def drive(
     if qp_share:
         share.install()
     with Simulation(Path(sumocfg), junction, seed, inflate_m=inflate_m) as road:
-        standing = watch_standing(road)
+        standing, halts = watch_standing(road), watch_halts(road)
         known = msgspec.structs.replace(road.map, areas=[]) if broken == "conflict area" else road.map
         options = ServeOptions(
             map=known, parameters=parameters, clock="lockstep", workers=0, profile=profile, geometry=geometry
@@ -203,6 +222,8 @@ async def drive(
         "vehicles": measured["vehicles"],
         "overlapping": overlapping,
         "standing": sorted(standing),
+        "halted": sum(halts.values()),
+        "ran_through": sorted(vehicle for vehicle, stood in halts.items() if not stood),
         "solved": bus.last_report.qp_solved_total,
         "rejected": bus.last_report.rejected_total,
         "fallbacks": fleet.tally.fallbacks,

@@ -99,7 +99,7 @@ def test_unbalanced_inflow(tmp_path: Path) -> None:
 
 def test_decision_time(tmp_path: Path) -> None:
     put_all(tmp_path, {"coop": {"control_cycle__p50_ms": 4.0, "control_cycle__p99_ms": 12.0}})
-    joint = Joint(8, 20, 0.75, joint_ms=6000.0, auction_ms=2.0, full_rows_ms=3.0, excess=0.01)
+    joint = Joint(8, 20, 0.75, joint_ms=6000.0, auction_ms=2.0, full_rows_ms=3.0, factor=3000.0, excess=0.01)
     under, faster = decisions(gather(tmp_path, SETTINGS), "coop", Computation(joint=[joint]))
     assert (under.measured, under.verdict) == ("4.0 and 12.0 ms", "the median only")
     assert (faster.measured, faster.ratio, faster.verdict) == (

@@ -61,7 +61,7 @@ def test_a_failed_run_is_listed_and_in_no_mean(tmp_path: Path) -> None:
     fuel = figure(whole(entries), "fuel_g")
     assert fuel is not None
     assert (fuel.mean, fuel.seeds) == (12.0, 2)
-    text = page(entries, SETTINGS, None, Made("gameopt-sumo compare", NOW, ()))
+    text = page(entries, SETTINGS, None, Made(["gameopt-sumo compare"], NOW, ()))
     assert "- `coop-10000-ratio1-seed102`: the manager ran out of road" in text
     assert "| 10000 | coop | 2 |" in text
 
@@ -145,7 +145,7 @@ def test_plots_are_png_and_svg_with_a_look_for_each_method(tmp_path: Path) -> No
     looks = [(look["marker"], look["linestyle"]) for look in plots._styles([f"m{k}" for k in range(12)]).values()]
     assert len(set(looks)) == 12
 
-    text = page(entries, SETTINGS, computation, Made("gameopt-sumo compare", NOW, names))
+    text = page(entries, SETTINGS, computation, Made(["gameopt-sumo compare"], NOW, names))
     assert all(f"plots/{name}.png" in text for name in names)
     assert "| 2000 | fixed | 2 | 50 ± 0 |" in text
 

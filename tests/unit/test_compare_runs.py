@@ -25,7 +25,7 @@ FOREVER = [sys.executable, "-c", "import signal; signal.pause()"]
 
 def test_what_is_whole_is_not_run_again(tmp_path: Path) -> None:
     put(tmp_path, run("all-way-stop"), report())
-    assert schedule.carry_out(Place(tmp_path, SETTINGS), [run("all-way-stop")], 1, QUIET) == 0
+    assert schedule.carry_out(Place(tmp_path, SETTINGS), [run("all-way-stop")], 1, Processes(), QUIET) == 0
     assert not (tmp_path / "arrivals").exists()
 
 
@@ -93,8 +93,9 @@ def test_stopping_ends_what_runs_and_starts_nothing_more(tmp_path: Path) -> None
     def second(_processes: Processes) -> None:
         done.append("second")
 
-    with pytest.raises(KeyboardInterrupt), schedule.interruptible():
-        schedule._together("runs", [(1.0, first), (1.0, second)], 1, Processes(apart=True), QUIET)
+    processes = Processes(apart=True)
+    with pytest.raises(KeyboardInterrupt), schedule.interruptible(processes):
+        schedule._together("runs", [(1.0, first), (1.0, second)], 1, processes, QUIET)
     assert done == ["first", "stopped"]
 
 
@@ -110,7 +111,7 @@ def test_the_record_of_a_failure_goes_when_the_run_is_tried_again(tmp_path: Path
     folder = put(tmp_path, run("all-way-stop"), failed="bad luck")
     place = Place(tmp_path, SETTINGS)
     place.make_scenario(run("all-way-stop"))
-    assert schedule.carry_out(place, [run("all-way-stop")], 1, QUIET) == 1
+    assert schedule.carry_out(place, [run("all-way-stop")], 1, Processes(), QUIET) == 1
     (entry,) = gather(tmp_path, SETTINGS)
     assert entry["failed"] is None
     assert entry["duration_s"] == SETTINGS.duration_s

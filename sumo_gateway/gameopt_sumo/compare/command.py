@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -87,21 +88,21 @@ def _compare(out: Path, jobs: int | None, seeds: int, sumo: Path | None, **optio
     from rich.console import Console
 
     from gameopt_sumo.compare import computation, schedule
-    from gameopt_sumo.compare.processes import cores
+    from gameopt_sumo.compare.processes import Processes, cores
     from gameopt_sumo.compare.runs import Place
     from gameopt_sumo.compare.settings import alone, claim
 
     experiment, runs = _runs(sumo, seeds, **options)
     settings = _settings(sumo, **options)
     claim(out, settings)
-    console = Console(stderr=True)
+    console, processes = Console(stderr=True), Processes(apart=True)
     place = Place(out, settings)
     with alone(out):
         try:
-            with schedule.interruptible():
-                run_now = schedule.carry_out(place, runs, jobs or max(1, cores() // 2), console)
+            with schedule.interruptible(processes):
+                run_now = schedule.carry_out(place, runs, jobs or max(1, cores() // 2), processes, console)
                 if experiment.computation:
-                    computation.measure(out, console)
+                    computation.measure(out, processes, console)
         except KeyboardInterrupt:
             whole = sum(map(place.done, runs))
             click.echo(f"interrupted: {whole} of {len(runs)} runs are whole; the same command goes on", err=True)
@@ -189,7 +190,7 @@ def _conclude(place: Place, runs: list[Run], run_now: int) -> int:
     entries = results.gather(out, place.settings)
     computed = computation.read(out)
     results.write(out, entries)
-    made = page.Made(f"gameopt-sumo {' '.join(sys.argv[1:])}", datetime.now(UTC), plots.draw(out, entries, computed))
+    made = page.Made(_commands(out), datetime.now(UTC), plots.draw(out, entries, computed))
     write_whole(out / "report.md", page.page(entries, place.settings, computed, made).encode())
     asked = {run.name for run in runs}
     mine = [entry for entry in entries if entry["run"] in asked]
@@ -202,3 +203,12 @@ def _conclude(place: Place, runs: list[Run], run_now: int) -> int:
         click.echo(f"vehicles collided: {', '.join(collided)}", err=True)
         return EXIT_COLLIDED
     return EXIT_FAILED if failed or (computed is not None and computed.failed) else 0
+
+
+def _commands(out: Path) -> list[str]:
+    """The command lines that have added to the folder, this one the last of them unless it is there."""
+    file = out / "commands.txt"
+    before = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+    commands = list(dict.fromkeys((*before, shlex.join(["gameopt-sumo", *sys.argv[1:]]))))
+    file.write_text("\n".join(commands) + "\n", encoding="utf-8")
+    return commands

@@ -50,7 +50,8 @@ class Joint(NamedTuple):
     """Medians over recorded states of one size: the joint MIQP by SCIP, and the paper's auction with its programs.
 
     `proven` is the share of states whose optimum was proven within the limit; for the others the limit is the time.
-    `excess` is by what share the auction's objective is above the optimum, where that was proven.
+    `factor` is how many times longer the joint program takes: at least so many where not all is proven. `excess` is
+    by what share the auction's objective is above the optimum, where that was proven.
     """
 
     vehicles: int
@@ -59,12 +60,8 @@ class Joint(NamedTuple):
     joint_ms: float
     auction_ms: float
     full_rows_ms: float
+    factor: float
     excess: float | None
-
-    @property
-    def factor(self) -> float:
-        """How many times longer the joint program takes; at least, where it was not always solved."""
-        return self.joint_ms / self.auction_ms
 
 
 @dataclass(frozen=True)
@@ -95,23 +92,18 @@ class Computation:
         return shown
 
 
-def measure(out: Path, console: Console) -> None:
+def measure(out: Path, processes: Processes, console: Console) -> None:
     """Record, measure decisions, and solve recorded states to the optimum; what is there is not done again."""
     folder = out / FOLDER
     folder.mkdir(parents=True, exist_ok=True)
     (folder / FAILED).unlink(missing_ok=True)
     failed: dict[str, str] = {}
-    processes = Processes(apart=True)
     steps = {RECORDING: _record, BENCH: _bench, OPTIMAL: _optimal}
     missing = [name for name in steps if not (folder / name).exists()]
-    try:
-        for name in track(missing, "computation", console=console):
-            reason = _step(steps[name], folder, name, processes)
-            if reason is not None:
-                failed[name] = reason
-    except KeyboardInterrupt:
-        processes.stop()
-        raise
+    for name in track(missing, "computation", console=console):
+        reason = _step(steps[name], folder, name, processes)
+        if reason is not None:
+            failed[name] = reason
     if failed:
         (folder / FAILED).write_bytes(msgspec.json.encode(failed))
 
@@ -175,6 +167,7 @@ def _joint(vehicles: int, states: list[dict[str, Any]]) -> Joint:
         joint_ms=median_ms("optimal_s"),
         auction_ms=median_ms("auction_s"),
         full_rows_ms=median_ms("full_rows_s"),
+        factor=statistics.median(float(state["optimal_s"]) / float(state["auction_s"]) for state in states),
         excess=statistics.median(excesses) if excesses else None,
     )
 

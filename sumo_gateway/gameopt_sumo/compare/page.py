@@ -22,7 +22,8 @@ OURS = ("coop", "coop-paper")
 class Made(NamedTuple):
     """How a page came to be."""
 
-    command: str
+    commands: Sequence[str]
+    """Every command that has added to the folder."""
     date: datetime
     plots: Sequence[str]
 
@@ -62,9 +63,12 @@ def _head(entries: Sequence[Entry], settings: Settings, made: Made) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in settings.versions.items())
     turning = "respected" if settings.turn_speed else "ignored by our methods, respected by SUMO's own drivers"
     net = "" if settings.sumo is None else f" Net and arrivals: {settings.sumo}."
+    commands = "\n".join(made.commands)
     return f"""# Comparison
 
-`{made.command}`
+```
+{commands}
+```
 
 {made.date:%Y-%m-%d}; {versions}
 

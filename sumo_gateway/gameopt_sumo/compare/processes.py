@@ -42,7 +42,7 @@ class Processes:
 
     def __init__(self, apart: bool = False) -> None:
         self._apart = apart
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # a signal's handler may come while it is held
         self._running: set[subprocess.Popen[str]] = set()
         self._stopped = False
 
@@ -90,13 +90,13 @@ class Processes:
             if "serving" in line:
                 return
             last = line.strip() or last
-        self._check()
+        self.check()
         raise ProcessError(last)
 
     @contextmanager
     def _started(self, command: Sequence[Any], **streams: Any) -> Iterator[subprocess.Popen[str]]:
         with self._lock:
-            self._check()
+            self.check()
             process = subprocess.Popen(
                 [str(word) for word in command],
                 stdin=subprocess.DEVNULL,
@@ -116,10 +116,11 @@ class Processes:
 
     def _ended(self, process: subprocess.Popen[str]) -> int:
         code = process.wait()
-        self._check()
+        self.check()
         return code
 
-    def _check(self) -> None:
+    def check(self) -> None:
+        """Raises `Stopped`, once it is."""
         if self._stopped:
             raise Stopped
 

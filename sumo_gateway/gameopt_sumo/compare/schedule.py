@@ -25,11 +25,11 @@ BY_SUMO_SHARE = 0.15
 """What a run under SUMO's own control takes, of what one under our manager takes."""
 
 
-def carry_out(place: Place, runs: Sequence[Run], jobs: int, console: Console) -> int:
-    """Run whatever has no whole report yet; how many that was. Raises `KeyboardInterrupt` once all has ended."""
+def carry_out(place: Place, runs: Sequence[Run], jobs: int, processes: Processes, console: Console) -> int:
+    """Run whatever has no whole report yet; how many that was. Raises `Stopped` once all has ended."""
     todo = [run for run in runs if not place.done(run)]
-    processes = Processes(apart=True)
     for run in todo:
+        processes.check()
         place.make_scenario(run)
     tunings = sorted({plans.needed(run, method) for run in todo if (method := named(run.method)).plan})
     wrong = _tune(place, tunings, jobs, processes, console)
@@ -73,7 +73,7 @@ def _cost(run: Run) -> float:
 
 
 def _together(what: str, work: Sequence[tuple[float, Work]], jobs: int, processes: Processes, console: Console) -> None:
-    """Do all of it, `jobs` at a time. On Ctrl-C end what runs, start nothing more, and raise it."""
+    """Do all of it, `jobs` at a time. Whatever one of them raises ends the others, and is raised."""
     columns = (
         TextColumn(what),
         BarColumn(),
@@ -89,7 +89,7 @@ def _together(what: str, work: Sequence[tuple[float, Work]], jobs: int, processe
         costs: dict[Future[None], float] = {}
         try:
             for cost, do in work:
-                costs[pool.submit(do, processes)] = cost * scale
+                costs[pool.submit(_unless_stopped, do, processes)] = cost * scale
             for future in _as_completed(costs):
                 future.result()
                 bar.advance(task, costs[future])
@@ -97,6 +97,11 @@ def _together(what: str, work: Sequence[tuple[float, Work]], jobs: int, processe
             processes.stop()
             pool.shutdown(cancel_futures=True)
             raise
+
+
+def _unless_stopped(do: Work, processes: Processes) -> None:
+    processes.check()
+    do(processes)
 
 
 def _as_completed(futures: dict[Future[None], float]) -> Iterator[Future[None]]:
@@ -107,14 +112,18 @@ def _as_completed(futures: dict[Future[None], float]) -> Iterator[Future[None]]:
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
-    """SIGINT and SIGTERM both raise `KeyboardInterrupt`, also where a shell has started us with SIGINT ignored."""
+def interruptible(processes: Processes) -> Iterator[None]:
+    """SIGINT and SIGTERM stop all processes, and once they have ended raise `KeyboardInterrupt`.
+
+    Nothing is raised out of a signal's handler: it could come between a thread's start and its entry in the pool.
+    """
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     for number in before:
-        signal.signal(number, signal.default_int_handler)
+        signal.signal(number, lambda _number, _frame: processes.stop())
     try:
         yield
-    except Stopped:  # is no news to whoever asked for it
+        processes.check()
+    except Stopped:
         raise KeyboardInterrupt from None
     finally:
         for number, handler in before.items():

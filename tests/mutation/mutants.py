@@ -314,4 +314,18 @@ MUTANTS = (
         "",
         f"{UNIT}/test_slots.py::test_a_turn_that_would_part_a_platoon_waits_for_what_it_costs",
     ),
+    Mutant(
+        "a stop sign that later ones pass",
+        f"{CORE}/standing.py",
+        "if np.isnan(met).all():",
+        "if True:",
+        f"{UNIT}/test_standing.py::test_nobody_asks_whom_somebody_before_it_is_in_the_way_of",
+    ),
+    Mutant(
+        "an optimum whose rows bind in the other order",
+        "service/gameopt_im/solver/joint_order.py",
+        "model.addCons(left - most * (1 - active) <= slack)",
+        "model.addCons(left - most * active <= slack)",
+        f"{UNIT}/test_joint.py::test_the_answer_is_the_best_of_all_orders_that_keep_the_lanes[4-3]",
+    ),
 )

@@ -158,14 +158,17 @@ def watch_standing(road: Any) -> set[str]:
 
 
 def watch_halts(road: Any) -> dict[str, bool]:
-    """Who has crossed its line, and whether it had come to a stand within 2 m of it."""
+    """Who has crossed its line, and whether it had come to a stand at it or at its setback."""
     step = road.step
+    setback_m = {movement.id: max(movement.setback_m or [0.0]) for movement in road.map.movements}
     stood: set[str] = set()
     crossed: dict[str, bool] = {}
 
     def watched() -> Any:
         observations = step()
-        stood.update(seen.vehicle for seen in observations if seen.speed_mps < 0.1 and 0.0 < seen.distance_m < 2.0)
+        for seen in observations:
+            if seen.speed_mps < 0.1 and 0.0 < seen.distance_m < 1.5 + setback_m[seen.movement]:
+                stood.add(seen.vehicle)
         for seen in observations:
             if seen.distance_m < 0.0:
                 crossed.setdefault(seen.vehicle, seen.vehicle in stood)

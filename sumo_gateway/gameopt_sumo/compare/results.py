@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import msgspec
 from scipy import stats
 
+from gameopt_sumo.baselines.report import Report
 from gameopt_sumo.compare.runs import FAILED, MANAGER, REPORT, RUN, Run, read_report
 from gameopt_sumo.compare.settings import Settings, write_whole
 
@@ -43,9 +44,7 @@ def gather(out: Path, settings: Settings) -> list[Entry]:
         elif failure.exists():
             found.append((run, _entry(run, {}, None, msgspec.json.decode(failure.read_bytes())["reason"])))
     found.sort(key=lambda pair: _order(pair[0]))
-    entries = [entry for _, entry in found]
-    fields = list(dict.fromkeys(name for entry in entries for name in entry if name not in OWN_FIELDS))
-    return [{name: entry.get(name) for name in (*fields, *OWN_FIELDS)} for entry in entries]
+    return [{name: entry.get(name) for name in (*Report.__struct_fields__, *OWN_FIELDS)} for _, entry in found]
 
 
 def _entry(run: Run, report: dict[str, Any], manager_pid: int | None, failed: str | None) -> Entry:

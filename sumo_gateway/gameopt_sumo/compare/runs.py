@@ -9,10 +9,11 @@ from typing import Any
 
 import msgspec
 
+from gameopt_sumo.baselines.report import SCHEMA
 from gameopt_sumo.compare import plans
 from gameopt_sumo.compare.methods import Method, named
 from gameopt_sumo.compare.processes import ProcessError, Processes, last_line
-from gameopt_sumo.compare.settings import REPORT_SCHEMA, Settings, write_whole
+from gameopt_sumo.compare.settings import Settings, write_whole
 from gameopt_sumo.run_files import net_file_of
 from gameopt_sumo.scenarios import CONFIG_FILE, NET_FILE, FourArm, write_four_arm
 
@@ -170,5 +171,5 @@ def read_report(path: Path, duration_s: float) -> dict[str, Any] | None:
         report: dict[str, Any] = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
     except (OSError, msgspec.DecodeError):
         return None
-    whole = report.get("schema") == REPORT_SCHEMA and report.get("duration_s", 0.0) >= duration_s - 0.05
+    whole = report.get("schema") == SCHEMA and report.get("duration_s", 0.0) >= duration_s - 0.05
     return report if whole else None

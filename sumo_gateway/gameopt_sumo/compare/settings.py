@@ -13,11 +13,10 @@ from typing import Any, Literal
 
 import msgspec
 
+from gameopt_sumo.baselines.report import SCHEMA as REPORT_SCHEMA
 from gameopt_wire import WIRE_VERSION
 
 SCHEMA = "gameopt-compare/1"
-REPORT_SCHEMA = "gameopt-report/1"
-"""The reports that can be compared; any other is a failed run."""
 FILE, LOCK = "settings.json", ".lock"
 LIBRARIES = ("gameopt", "eclipse-zenoh", "osqp", "libsumo", "numpy", "numba")
 TUNING_SEEDS = (201, 202)

@@ -1,8 +1,8 @@
 """Tuning the lights for a demand: the search, and the record it leaves.
 
-What counts as better is what a fair opponent would want: first of all that vehicles are served, counted as the
-unserved of every seed beyond the five that a measuring window may leave behind at its end, then the mean time from
-scheduled departure to goal, the wait upstream of the control zone included (the mean total delay, but for a
+What counts as better is what a fair opponent would want: that nobody collides, then that vehicles are served, counted
+as the unserved of every seed beyond the five that a measuring window may leave behind at its end, then the mean time
+from scheduled departure to goal, the wait upstream of the control zone included (the mean total delay, but for a
 constant). Tune on seeds that are not reported on. Every plan that was looked at is kept with its figures.
 """
 
@@ -34,6 +34,8 @@ class Looked(msgspec.Struct, frozen=True, kw_only=True):
 
     number: int
     plan: Plan
+    collisions: int
+    """Over all seeds."""
     unserved: float
     """Beyond `LEFT_BEHIND`, mean over the seeds."""
     mean_time_s: float
@@ -41,7 +43,7 @@ class Looked(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def score(self) -> Score:
-        return self.unserved, self.mean_time_s
+        return self.collisions, self.unserved, self.mean_time_s
 
 
 @dataclass(frozen=True)
@@ -136,6 +138,7 @@ class _Record:
                 looked = Looked(
                     number=len(self._known),
                     plan=plan,
+                    collisions=sum(trial.collisions for trial in trials),
                     unserved=statistics.fmean(excess),
                     mean_time_s=round(statistics.fmean(trial.mean_time_s for trial in trials), 3),
                     by_seed=tuple(trials),

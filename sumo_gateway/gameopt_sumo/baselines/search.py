@@ -27,8 +27,10 @@ _DRAWS = 1958
 """Seed of the plans drawn at random."""
 _FIRST_STEP, _LAST_STEP = 1.0, 0.25
 _START_CYCLES_S = (None, 60.0, 90.0, 120.0, 170.0)
+_ACTUATED_STARTS_S = tuple((cycle_s, gap_s) for cycle_s in (None, 90.0, 170.0) for gap_s in (2.5, 5.0))
+"""Cycles to begin with, None for Webster's own; of actuated lights the longest cycle, and the gap that ends a green."""
 _STEPS_S = {"all_red_s": (1.0, 1.0, 4.0)}
-_ACTUATED_STEPS_S = {"max_gap_s": (1.0, 1.0, 5.0), "min_green_s": (4.0, 4.0, 20.0), "detector_gap_s": (1.0, 1.0, 4.0)}
+_ACTUATED_STEPS_S = {"max_gap_s": (1.0, 1.0, 5.0), "min_green_s": (8.0, 4.0, 60.0), "detector_gap_s": (1.0, 1.0, 4.0)}
 """Of the times beside the cycle: the first step, the least and the largest."""
 
 
@@ -63,7 +65,13 @@ def search(demand: FourArm, start: Sequence[Plan], budget: int, evaluate: Evalua
 
 def starts(demand: FourArm, method: Kind) -> list[Plan]:
     """Webster's plans."""
-    return [webster(demand, method, left, cycle_s) for cycle_s in _START_CYCLES_S for left in lefts(demand)]
+    if method == "fixed":
+        return [webster(demand, method, left, cycle_s) for cycle_s in _START_CYCLES_S for left in lefts(demand)]
+    return [
+        msgspec.structs.replace(webster(demand, method, left, cycle_s), max_gap_s=gap_s)
+        for cycle_s, gap_s in _ACTUATED_STARTS_S
+        for left in lefts(demand)
+    ]
 
 
 def feasible(plan: Plan) -> bool:

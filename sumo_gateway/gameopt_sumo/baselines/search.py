@@ -15,7 +15,7 @@ from itertools import islice
 import msgspec
 import numpy as np
 
-from gameopt_sumo.baselines.plan import BaselineError, Kind, Plan
+from gameopt_sumo.baselines.plan import Kind, Plan, PlanError
 from gameopt_sumo.baselines.webster import CYCLE_S, flow_ratios, lefts, rounded, webster
 from gameopt_sumo.scenarios import FourArm
 
@@ -78,7 +78,7 @@ def feasible(plan: Plan) -> bool:
     """Whether every stage is long enough."""
     try:
         plan.greens_s(2)
-    except BaselineError:
+    except PlanError:
         return False
     return True
 

@@ -15,7 +15,7 @@ from itertools import islice
 import msgspec
 import numpy as np
 
-from gameopt_sumo.baselines.plan import Kind, Plan, PlanError
+from gameopt_sumo.baselines.plan import Kind, Left, Plan, PlanError
 from gameopt_sumo.baselines.webster import CYCLE_S, flow_ratios, lefts, rounded, webster
 from gameopt_sumo.scenarios import FourArm
 
@@ -133,9 +133,9 @@ def _with_cycle(plan: Plan, cycle_s: float) -> Plan:
     return msgspec.structs.replace(plan, cycle_s=float(round(min(max(cycle_s, CYCLE_S[0]), CYCLE_S[1]))))
 
 
-def _with_left(demand: FourArm, plan: Plan, left: str) -> Plan:
+def _with_left(demand: FourArm, plan: Plan, left: Left) -> Plan:
     """The same cycle and, as far as the stages are the same, the same splits: an axis keeps its share."""
-    other = msgspec.structs.replace(plan, left=left)
+    other = msgspec.structs.replace(plan, left=left, all_red_s=webster(demand, plan.method, left).all_red_s)
     old, new = plan.stages(2), other.stages(2)
     ratios = flow_ratios(demand, new)
     splits = []

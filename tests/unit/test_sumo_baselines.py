@@ -152,6 +152,15 @@ def test_a_shared_lane_has_no_protected_left(tmp_path: Path) -> None:
     assert len(phases(lit(one_lane, tmp_path, plan("permissive")))) == 6
 
 
+def test_lights_that_are_there_only_get_another_program(plain: Path, tmp_path: Path) -> None:
+    once = lit(plain, tmp_path, plan())
+    twice = tmp_path / "twice.net.xml"
+    nets.lights(once, None, plan("permissive"), twice)
+    assert len(phases(twice)) == 6
+    nets.lights(twice, None, plan(), tmp_path / "thrice.net.xml")
+    assert (tmp_path / "thrice.net.xml").read_text() == once.read_text()
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -18,8 +18,13 @@ DEMAND = FourArm(flow_veh_h=3600.0, ratio=2.0)
 
 def bowl(plan: Plan) -> Score:
     """Best: a cycle of 77 s, half of its green for the first stage, and a way to turn left of its own."""
-    away = abs(plan.cycle_s - 77.0) + 100.0 * abs(plan.splits[0] - 0.5) + 5.0 * (plan.left != "both")
-    return float(plan.right != "always"), away + abs(plan.max_gap_s - 2.0)
+    away = (
+        abs(plan.cycle_s - 77.0)
+        + 100.0 * abs(plan.splits[0] - 0.5)
+        + 5.0 * (plan.left != "both")
+        + abs(plan.all_red_s - 2.0)
+    )
+    return float(plan.right != "always"), away + abs(plan.max_gap_s - 2.0) + abs(plan.all_red_s - 2.0)
 
 
 def found(budget: int, method: Kind = "fixed", score: Callable[[Plan], Score] = bowl) -> dict[Plan, Score]:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import click
 import msgspec
 
-from gameopt_sumo.baselines.plan import BaselineError, Kind, Plan, read_plan
+from gameopt_sumo.baselines.plan import BaselineError, Kind, Plan, PlanError, read_plan
 from gameopt_sumo.network import NetworkError
 from gameopt_sumo.run_files import SimulationError, net_file_of
 from gameopt_sumo.scenarios import FourArm, ScenarioError
@@ -116,8 +116,8 @@ def _net(config: Path, method: str, junction: str | None, plan: Path | None, scr
         kind: Kind = "fixed" if method == "fixed" else "actuated"
         try:
             nets.lights(net_file_of(config), junction, read_plan(plan, kind), out)
-        except BaselineError as error:
-            raise BaselineError(str(error) if str(plan) in str(error) else f"{plan}: {error}") from None
+        except PlanError as error:
+            raise BaselineError(f"{plan}: {error}") from None
         return out
     if method == "all-way-stop":
         nets.all_way_stop(net_file_of(config), junction, out)
@@ -151,6 +151,7 @@ def tune(flow: float, ratio: float, method: Kind, out: Path, **values: Any) -> i
     times = (values["duration"], values["warmup"])
     if times[1] >= times[0]:
         raise click.UsageError(f"--warmup {times[1]:g} must be below --duration {times[0]:g}")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     click.echo(search(demand, method, values["seeds"], values["budget"], *times, values["jobs"], out))
     return 0
 

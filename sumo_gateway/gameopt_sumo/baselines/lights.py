@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
-from gameopt_sumo.baselines.plan import BaselineError, Plan, Stage
+from gameopt_sumo.baselines.plan import Plan, PlanError, Stage
 from gameopt_sumo.junction import Link, links_over, number_roads
 
 PROGRAM = "gameopt"
@@ -51,7 +51,7 @@ def _connection(link: Link) -> Any:
 
 
 def program(shown: Sequence[Signal], light: str, width: int, plan: Plan) -> ET.Element:
-    """The tlLogic of a plan; a phase's state has `width` places. Raises `BaselineError` for a plan that does not fit.
+    """The tlLogic of a plan; a phase's state has `width` places. Raises `PlanError` for a plan that does not fit.
 
     Every stage is followed by yellow and all red for those who lose their green; the others keep it.
     """
@@ -79,7 +79,7 @@ def _own_left_lanes(shown: Sequence[Signal], plan: Plan) -> None:
     lefts = {signal.lane for signal in shown if signal.intention == "left"}
     others = {signal.lane for signal in shown if signal.intention in ("straight", "right")}
     if plan.left == "protected" and (shared := lefts & others):
-        raise BaselineError(
+        raise PlanError(
             f'left is "protected", but lane {min(shared)} is not for left turns alone; allowed: "permissive", "both"'
         )
 
@@ -90,7 +90,7 @@ def _state(shown: Sequence[Signal], stage: Stage, plan: Plan, width: int) -> str
     green = [signal for signal in shown if signal.index in ranks]
     for a, b in combinations(green, 2):
         if b.index in a.foes and ranks[a.index] == ranks[b.index]:
-            raise BaselineError(
+            raise PlanError(
                 f"{stage}: lanes {a.lane} and {b.lane} would have green together, and they cross; "
                 "lights are laid out for junctions with pairs of opposite roads"
             )

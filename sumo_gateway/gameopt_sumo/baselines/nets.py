@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -24,7 +25,10 @@ class Way(NamedTuple):
 
 
 def lights(net_file: Path, junction: str | None, plan: Plan, out: Path) -> None:
-    """Write the net with lights that follow `plan`. Raises `BaselineError`, `NetworkError`, `ScenarioError`."""
+    """Write the net with lights that follow `plan`.
+
+    Raises `PlanError`, `BaselineError`, `NetworkError`, `ScenarioError`.
+    """
     name = str(choose(read_net(net_file), net_file, junction).getID())
     _rebuild(net_file, name, "traffic_light", out)
     net = read_net(out)
@@ -53,6 +57,9 @@ def all_way_stop(net_file: Path, junction: str | None, out: Path) -> None:
 
 
 def _rebuild(net_file: Path, junction: str, kind: Literal["traffic_light", "allway_stop"], out: Path) -> None:
+    if read_net(net_file).getNode(junction).getType() == kind:
+        shutil.copyfile(net_file, out)
+        return
     with tempfile.TemporaryDirectory(prefix="gameopt-") as scratch:
         patch = Path(scratch, "node.xml")
         patch.write_text(f'<nodes><node id="{junction}" type="{kind}"/></nodes>\n', encoding="utf-8")

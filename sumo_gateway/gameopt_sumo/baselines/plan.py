@@ -21,6 +21,10 @@ class BaselineError(Exception):
     """A plan, a net or a folder that will not do; one line."""
 
 
+class PlanError(BaselineError):
+    """The plan is at fault; whoever read it from a file puts the file's name before."""
+
+
 class Stage(NamedTuple):
     """What has green together: movements of an axis, a pair of opposite roads (0 for roads 0 and 1, 1 for 2 and 3)."""
 
@@ -61,19 +65,19 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         return [Stage(axis, part) for axis in range(axes) for part in parts]
 
     def greens_s(self, axes: int) -> list[float]:
-        """Green times stage by stage, to the simulation step. Raises `BaselineError` for splits that do not fit."""
+        """Green times stage by stage, to the simulation step. Raises `PlanError` for splits that do not fit."""
         stages = self.stages(axes)
         if len(self.splits) != len(stages):
             listed = ", ".join(map(str, stages))
-            raise BaselineError(f"splits has {len(self.splits)} shares, {len(stages)} are needed: {listed}")
+            raise PlanError(f"splits has {len(self.splits)} shares, {len(stages)} are needed: {listed}")
         if abs(sum(self.splits) - 1.0) > 0.01:
-            raise BaselineError(f"splits must add up to 1, these make {sum(self.splits):g}")
+            raise PlanError(f"splits must add up to 1, these make {sum(self.splits):g}")
         green_s = self.cycle_s - len(stages) * (self.yellow_s + self.all_red_s)
         greens_s = [round(share / sum(self.splits) * green_s, 1) for share in self.splits]
         least_s = self.min_green_s if self.method == "actuated" else SHORTEST_GREEN_S
         for stage, stage_s in zip(stages, greens_s, strict=True):
             if stage_s < least_s:
-                raise BaselineError(
+                raise PlanError(
                     f"a cycle_s of {self.cycle_s:g} leaves {stage_s:g} s of green to {stage}, "
                     f"allowed: {least_s:g} or more"
                 )

@@ -1,9 +1,10 @@
 """Looking for the best plan with a fixed number of trials.
 
-Webster's plans come first, for every way to turn left and several cycles. From the best of them, steepest descent
-over one coordinate at a time (cycle, each split, left, right, and what actuated lights have beside), with steps that
-halve when nothing is gained; then again from a plan drawn at random, until the budget is spent. The same demand
-and budget look at the same plans, whatever runs at a time.
+Webster's plans come first, for every way to turn left and several cycles. From the best of them, descent over one
+block of coordinates after the other (cycle and left; splits; right, all red, and what actuated lights have beside):
+each coordinate is changed both ways, and the best change of the block is made if it is one for the better. Steps
+halve when nothing is gained; then the search begins again from a plan drawn at random, until the budget is spent.
+The same demand and budget look at the same plans, however many are tried at a time.
 """
 
 from __future__ import annotations
@@ -14,20 +15,23 @@ from itertools import islice
 import msgspec
 import numpy as np
 
-from gameopt_sumo.baselines.plan import BaselineError, Kind, Plan
+from gameopt_sumo.baselines.plan import Kind, Left, Plan, PlanError
 from gameopt_sumo.baselines.webster import CYCLE_S, flow_ratios, lefts, rounded, webster
 from gameopt_sumo.scenarios import FourArm
 
-Score = tuple[float, float]
-"""Unserved vehicles, then mean time, s; less is better."""
+Score = tuple[float, ...]
+"""What counts most comes first; less is better."""
 Evaluate = Callable[[Sequence[Plan]], Sequence[Score]]
 
 _DRAWS = 1958
 """Seed of the plans drawn at random."""
 _FIRST_STEP, _LAST_STEP = 1.0, 0.25
 _START_CYCLES_S = (None, 60.0, 90.0, 120.0, 170.0)
-_GAPS_S, _GREENS_S, _DETECTORS_S = (1.0, 5.0), (4.0, 20.0), (1.0, 4.0)
-"""Bounds of max_gap_s, min_green_s and detector_gap_s."""
+_ACTUATED_STARTS_S = tuple((cycle_s, gap_s) for cycle_s in (None, 90.0, 170.0) for gap_s in (2.5, 5.0))
+"""Cycles to begin with, None for Webster's own; of actuated lights the longest cycle, and the gap that ends a green."""
+_STEPS_S = {"all_red_s": (1.0, 1.0, 4.0)}
+_ACTUATED_STEPS_S = {"max_gap_s": (1.0, 1.0, 5.0), "min_green_s": (8.0, 4.0, 60.0), "detector_gap_s": (1.0, 1.0, 4.0)}
+"""Of the times beside the cycle: the first step, the least and the largest."""
 
 
 def search(demand: FourArm, start: Sequence[Plan], budget: int, evaluate: Evaluate) -> dict[Plan, Score]:
@@ -43,48 +47,40 @@ def search(demand: FourArm, start: Sequence[Plan], budget: int, evaluate: Evalua
     look(start)
     centre, step = min(known, key=known.__getitem__), _FIRST_STEP
     while len(known) < budget:
-        beside = [plan for plan in around(demand, centre, step) if feasible(plan)]
-        look(beside)
-        best = min((plan for plan in beside if plan in known), key=known.__getitem__, default=centre)
-        if known[best] < known[centre]:
-            centre = best
-        elif step > _LAST_STEP:
+        gained = False
+        for block in (_shape, _splits, _times):
+            beside = [plan for plan in block(demand, centre, step) if feasible(plan)]
+            look(beside)
+            best = min((plan for plan in beside if plan in known), key=known.__getitem__, default=centre)
+            if known[best] < known[centre]:
+                centre, gained = best, True
+        if not gained and step > _LAST_STEP:
             step /= 2.0
-        else:
-            centre, step = drawn(demand, centre, rng), _FIRST_STEP
-            look([centre])
-            if centre not in known:
-                break
+        elif not gained:
+            drawn_plan = drawn(demand, centre, rng)
+            look([drawn_plan])
+            centre, step = (drawn_plan if drawn_plan in known else centre), _FIRST_STEP
     return known
 
 
 def starts(demand: FourArm, method: Kind) -> list[Plan]:
     """Webster's plans."""
-    return [webster(demand, method, left, cycle_s) for cycle_s in _START_CYCLES_S for left in lefts(demand)]
+    if method == "fixed":
+        return [webster(demand, method, left, cycle_s) for cycle_s in _START_CYCLES_S for left in lefts(demand)]
+    return [
+        msgspec.structs.replace(webster(demand, method, left, cycle_s), max_gap_s=gap_s)
+        for cycle_s, gap_s in _ACTUATED_STARTS_S
+        for left in lefts(demand)
+    ]
 
 
 def feasible(plan: Plan) -> bool:
     """Whether every stage is long enough."""
     try:
         plan.greens_s(2)
-    except BaselineError:
+    except PlanError:
         return False
     return True
-
-
-def around(demand: FourArm, plan: Plan, step: float) -> list[Plan]:
-    """The plans that differ from `plan` in one coordinate by `step`, each way."""
-    found = [_with_cycle(plan, plan.cycle_s * factor) for factor in (1.0 + 0.25 * step, 1.0 / (1.0 + 0.25 * step))]
-    for k in range(len(plan.splits)):
-        for factor in (1.0 + 0.3 * step, 1.0 / (1.0 + 0.3 * step)):
-            splits = [share * (factor if k == n else 1.0) for n, share in enumerate(plan.splits)]
-            found.append(msgspec.structs.replace(plan, splits=rounded(splits)))
-    found += [_with_left(demand, plan, left) for left in lefts(demand) if left != plan.left]
-    other = "with-straight" if plan.right == "always" else "always"
-    found.append(msgspec.structs.replace(plan, right=other))
-    if plan.method == "actuated":
-        found += _actuated_around(plan, step)
-    return found
 
 
 def drawn(demand: FourArm, like: Plan, rng: np.random.Generator) -> Plan:
@@ -102,13 +98,44 @@ def drawn(demand: FourArm, like: Plan, rng: np.random.Generator) -> Plan:
             return found
 
 
+def _shape(demand: FourArm, plan: Plan, step: float) -> list[Plan]:
+    """Other cycles, and other ways to turn left."""
+    factor = 1.0 + 0.25 * step
+    cycles = [_with_cycle(plan, plan.cycle_s * factor), _with_cycle(plan, plan.cycle_s / factor)]
+    return cycles + [_with_left(demand, plan, left) for left in lefts(demand) if left != plan.left]
+
+
+def _splits(demand: FourArm, plan: Plan, step: float) -> list[Plan]:
+    """One stage longer or shorter, the others sharing what is left."""
+    del demand
+    found = []
+    for k in range(len(plan.splits)):
+        for factor in (1.0 + 0.3 * step, 1.0 / (1.0 + 0.3 * step)):
+            splits = [share * (factor if k == n else 1.0) for n, share in enumerate(plan.splits)]
+            found.append(msgspec.structs.replace(plan, splits=rounded(splits)))
+    return found
+
+
+def _times(demand: FourArm, plan: Plan, step: float) -> list[Plan]:
+    """Right turns the other way, and the times beside the cycle."""
+    del demand
+    other = "with-straight" if plan.right == "always" else "always"
+    found = [msgspec.structs.replace(plan, right=other)]
+    times = _STEPS_S | (_ACTUATED_STEPS_S if plan.method == "actuated" else {})
+    for name, (change, least, most) in times.items():
+        for sign in (1.0, -1.0):
+            value = min(max(getattr(plan, name) + sign * change * step, least), most)
+            found.append(msgspec.structs.replace(plan, **{name: round(value, 2)}))
+    return found
+
+
 def _with_cycle(plan: Plan, cycle_s: float) -> Plan:
     return msgspec.structs.replace(plan, cycle_s=float(round(min(max(cycle_s, CYCLE_S[0]), CYCLE_S[1]))))
 
 
-def _with_left(demand: FourArm, plan: Plan, left: str) -> Plan:
+def _with_left(demand: FourArm, plan: Plan, left: Left) -> Plan:
     """The same cycle and, as far as the stages are the same, the same splits: an axis keeps its share."""
-    other = msgspec.structs.replace(plan, left=left)
+    other = msgspec.structs.replace(plan, left=left, all_red_s=webster(demand, plan.method, left).all_red_s)
     old, new = plan.stages(2), other.stages(2)
     ratios = flow_ratios(demand, new)
     splits = []
@@ -118,16 +145,3 @@ def _with_left(demand: FourArm, plan: Plan, left: str) -> Plan:
         of_axis = sum(r for at, r in zip(new, ratios, strict=True) if at.axis == stage.axis)
         splits.append(same[0] if same else axis * ratio / of_axis)
     return msgspec.structs.replace(other, splits=rounded(splits))
-
-
-def _actuated_around(plan: Plan, step: float) -> list[Plan]:
-    found = []
-    for name, change, bounds in (
-        ("max_gap_s", 1.0, _GAPS_S),
-        ("min_green_s", 4.0, _GREENS_S),
-        ("detector_gap_s", 1.0, _DETECTORS_S),
-    ):
-        for sign in (1.0, -1.0):
-            value = min(max(getattr(plan, name) + sign * change * step, bounds[0]), bounds[1])
-            found.append(msgspec.structs.replace(plan, **{name: round(value, 2)}))
-    return found

@@ -26,6 +26,8 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     unserved: int
     """Vehicles due at the control zone by the end and not in it or across: arrived - crossed - in_zone."""
+    collisions: int
+    """Pairs that SUMO saw colliding."""
     mean_time_s: float
     """From scheduled departure to goal, the wait upstream included: vehicle-seconds spent in the measuring window,
     also by those who are not across at its end, over the vehicles scheduled in it. The delay is this less a
@@ -44,7 +46,9 @@ def drive(config: Path, net_file: Path, demand: Path, seed: int, duration_s: flo
     under_way = [*(lane.getID() for lane in approaches), *dict.fromkeys(inside)]
     departures_s = _departures_s(demand)
     hush = Hush()
-    readings.start(config, seed, False, ("--net-file", str(net_file)), hush)
+    collided = net_file.with_suffix(".collisions.xml")
+    own = ("--net-file", str(net_file), "--collision-output", str(collided))
+    readings.start(config, seed, False, own, hush)
     try:
         vehicle_s, time_s = 0.0, 0.0
         while time_s < duration_s:
@@ -62,7 +66,12 @@ def drive(config: Path, net_file: Path, demand: Path, seed: int, duration_s: flo
     ways_s = [(lane.getLength() - DEFAULT_CONTROL_ZONE_M) / lane.getSpeed() for lane in approaches]
     due = sum(at_s + max(ways_s) <= duration_s for at_s in departures_s)
     entered = sum(at_s <= duration_s for at_s in departures_s) - outside
-    return Trial(seed=seed, unserved=max(0, due - entered), mean_time_s=round(vehicle_s / max(1, scheduled), 3))
+    return Trial(
+        seed=seed,
+        unserved=max(0, due - entered),
+        collisions=_pairs(collided),
+        mean_time_s=round(vehicle_s / max(1, scheduled), 3),
+    )
 
 
 def _upstream(lane: str, length_m: float) -> int:
@@ -73,3 +82,9 @@ def _upstream(lane: str, length_m: float) -> int:
 
 def _departures_s(demand: Path) -> Sequence[float]:
     return [float(found.get("depart", 0.0)) for _, found in ET.iterparse(demand) if found.tag == "vehicle"]
+
+
+def _pairs(collided: Path) -> int:
+    """SUMO writes a pair down at every step of its collision."""
+    found = (element for _, element in ET.iterparse(collided) if element.tag == "collision")
+    return len({frozenset((element.get("collider"), element.get("victim"))) for element in found})

@@ -1,8 +1,8 @@
 """Tuning the lights for a demand: the search, and the record it leaves.
 
-What counts as better is what a fair opponent would want: first of all that vehicles are served, counted as the
-unserved of every seed beyond the five that a measuring window may leave behind at its end, then the mean time from
-scheduled departure to goal, the wait upstream of the control zone included (the mean total delay, but for a
+What counts as better is what a fair opponent would want: that nobody collides, then that vehicles are served, counted
+as the unserved of every seed beyond the five that a measuring window may leave behind at its end, then the mean time
+from scheduled departure to goal, the wait upstream of the control zone included (the mean total delay, but for a
 constant). Tune on seeds that are not reported on. Every plan that was looked at is kept with its figures.
 """
 
@@ -34,6 +34,8 @@ class Looked(msgspec.Struct, frozen=True, kw_only=True):
 
     number: int
     plan: Plan
+    collisions: int
+    """Over all seeds."""
     unserved: float
     """Beyond `LEFT_BEHIND`, mean over the seeds."""
     mean_time_s: float
@@ -41,7 +43,7 @@ class Looked(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def score(self) -> Score:
-        return self.unserved, self.mean_time_s
+        return self.collisions, self.unserved, self.mean_time_s
 
 
 @dataclass(frozen=True)
@@ -130,20 +132,26 @@ class _Record:
     def evaluate(self, plans: Sequence[Plan]) -> list[Score]:
         """Their scores, each from the record or by trying it."""
         new = [plan for plan in plans if plan not in self._known]
-        with ThreadPoolExecutor(self._jobs) as pool, self._file.open("ab") as file:
+        pool = ThreadPoolExecutor(self._jobs)
+        try:
             for plan, trials in zip(new, pool.map(self._try, new), strict=True):
-                excess = [max(0, trial.unserved - LEFT_BEHIND) for trial in trials]
-                looked = Looked(
-                    number=len(self._known),
-                    plan=plan,
-                    unserved=statistics.fmean(excess),
-                    mean_time_s=round(statistics.fmean(trial.mean_time_s for trial in trials), 3),
-                    by_seed=tuple(trials),
-                )
-                self._known[plan] = looked
-                file.write(msgspec.json.encode(looked) + b"\n")
-                file.flush()
+                self._keep(plan, trials)
+        finally:
+            pool.shutdown(cancel_futures=True)  # when interrupted, begin no other
         return [self._known[plan].score for plan in plans]
+
+    def _keep(self, plan: Plan, trials: Sequence[Trial]) -> None:
+        looked = Looked(
+            number=len(self._known),
+            plan=plan,
+            collisions=sum(trial.collisions for trial in trials),
+            unserved=statistics.fmean(max(0, trial.unserved - LEFT_BEHIND) for trial in trials),
+            mean_time_s=round(statistics.fmean(trial.mean_time_s for trial in trials), 3),
+            by_seed=tuple(trials),
+        )
+        self._known[plan] = looked
+        with self._file.open("ab") as file:
+            file.write(msgspec.json.encode(looked) + b"\n")
 
     def _try(self, plan: Plan) -> list[Trial]:
         """One process for all the seeds; libsumo has one simulation at a time."""

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import msgspec
+
 from gameopt_sumo.baselines.plan import Kind, Left, Plan, Stage
 from gameopt_sumo.demand import ARMS, lane_of
 from gameopt_sumo.scenarios import FourArm
@@ -15,6 +17,8 @@ SATURATION_VEH_H = 1800.0
 """What a lane lets through in an hour of green."""
 CYCLE_S = (40.0, 170.0)
 """Shortest and longest cycle looked at."""
+CLEARING_S = 2.0
+"""All red after left turns through gaps: with 1 s, trucks that used the last gap were still on their way out."""
 _LEAST_FLOW_RATIO = 0.02
 _LONGEST_AT = 0.97
 """From this sum of flow ratios on, Webster's cycle is beyond all bounds."""
@@ -46,7 +50,13 @@ def webster(demand: FourArm, method: Kind, left: Left, cycle_s: float | None = N
 
     L is the time lost to yellow and all red, Y the sum of the y.
     """
-    plan = Plan(method=method, cycle_s=CYCLE_S[1], splits=(1.0,), left=left)
+    plan = Plan(
+        method=method,
+        cycle_s=CYCLE_S[1],
+        splits=(1.0,),
+        left=left,
+        all_red_s=CLEARING_S if left == "permissive" else 1.0,
+    )
     stages = plan.stages(2)
     ratios = flow_ratios(demand, stages)
     lost_s, total = len(stages) * (plan.yellow_s + plan.all_red_s), sum(ratios)
@@ -54,7 +64,7 @@ def webster(demand: FourArm, method: Kind, left: Left, cycle_s: float | None = N
         cycle_s = (1.5 * lost_s + 5.0) / (1.0 - min(total, _LONGEST_AT))
     cycle_s = float(round(min(max(cycle_s, CYCLE_S[0]), CYCLE_S[1])))
     least = min(plan.min_green_s / (cycle_s - lost_s), 1.0 / len(stages))
-    return Plan(method=method, cycle_s=cycle_s, splits=rounded(_at_least(ratios, least)), left=left)
+    return msgspec.structs.replace(plan, cycle_s=cycle_s, splits=rounded(_at_least(ratios, least)))
 
 
 def _at_least(ratios: Sequence[float], least: float) -> list[float]:

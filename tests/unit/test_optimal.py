@@ -57,7 +57,7 @@ def test_no_order_is_better_than_the_optimum(recording: Path, tmp_path: Path) ->
 
 
 def test_sizes_grow_until_the_limit_is_hit(recording: Path) -> None:
-    results = optimal.compare(recording, [12, 16, 20], 9, 1e-3)
+    (results,) = optimal.compare(recording, [12, 16, 20], 9, 1e-3)
     assert [size.vehicles for size in results.sizes] == [12]
     assert len(results.sizes[0].states) == optimal.GIVEN_UP
     assert not any(each.solved for each in results.sizes[0].states)

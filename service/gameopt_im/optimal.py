@@ -103,8 +103,8 @@ def _sizes(_context: click.Context, _option: click.Parameter, text: str) -> tupl
     return sizes
 
 
-def compare(path: Path, sizes: Sequence[int], states: int, limit_s: float) -> Results:
-    """Compare on up to `states` states of each size, the sizes from small to large. Raises `StartError`."""
+def compare(path: Path, sizes: Sequence[int], states: int, limit_s: float) -> Iterator[Results]:
+    """Compare on up to `states` states of each size, small sizes first; all so far after each. Raises `StartError`."""
     _require_scip()
     recording = recorder.read(path)
     options = replace(options_of(recording), profile="paper", geometry="box")
@@ -123,11 +123,11 @@ def compare(path: Path, sizes: Sequence[int], states: int, limit_s: float) -> Re
                 if sum(not each.solved for each in compared) >= GIVEN_UP:
                     break
             done.append(Size(n, compared))
+            yield Results("gameopt-optimal/1", _versions(), path.name, options.candidates, limit_s, list(done))
             if not all(each.solved for each in compared):
                 break
     if not done:
         raise StartError(f"{path}: never {min(sizes)} vehicles without a clearance at a time; allowed: busier traffic")
-    return Results("gameopt-optimal/1", _versions(), path.name, options.candidates, limit_s, done)
 
 
 def _require_scip() -> None:
@@ -271,13 +271,19 @@ def command(*, recording: Path, sizes: tuple[int, ...], states: int, limit_s: fl
 
     The sizes are gone through from small to large, up to the first that some state of was not solved within the limit.
     """
-    results = compare(recording, sizes, states, limit_s)
-    Console().print(table(results))
-    if json_file is not None:
-        try:
-            json_file.write_bytes(msgspec.json.format(msgspec.json.encode(results)))
-        except OSError as error:
-            raise StartError(f"{json_file}: {error.strerror or error}") from None
+    results = None
+    for results in compare(recording, sizes, states, limit_s):
+        if json_file is not None:
+            _write(json_file, results)  # a size may take an hour: what is there is kept
+    if results is not None:
+        Console().print(table(results))
+
+
+def _write(path: Path, results: Results) -> None:
+    try:
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(results)))
+    except OSError as error:
+        raise StartError(f"{path}: {error.strerror or error}") from None
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 import pytest
+import structlog
 
 from gameopt_im import optimal
 from gameopt_im.clock import Tick
@@ -35,6 +37,12 @@ async def record(path: Path) -> None:
                 traffic.obey(outcome.commands)
 
 
+@pytest.fixture(autouse=True)
+def no_logs_to_a_closed_capture() -> Iterator[None]:
+    yield
+    structlog.reset_defaults()
+
+
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recording") / "thirty.mcap"
@@ -57,7 +65,7 @@ def test_no_order_is_better_than_the_optimum(recording: Path, tmp_path: Path) ->
 
 
 def test_sizes_grow_until_the_limit_is_hit(recording: Path) -> None:
-    results = optimal.compare(recording, [12, 16, 20], 9, 1e-3)
+    (results,) = optimal.compare(recording, [12, 16, 20], 9, 1e-3)
     assert [size.vehicles for size in results.sizes] == [12]
     assert len(results.sizes[0].states) == optimal.GIVEN_UP
     assert not any(each.solved for each in results.sizes[0].states)

@@ -42,7 +42,7 @@ any-junction: .venv/installed
 
 compare: .venv/installed
 	$(COMPARE) --methods coop,coop-paper,coop-fifo,coop-v1,fixed,actuated,stop-sign,all-way-stop --flows 4000,10000 \
-		--seeds 1 --duration 90 --warmup 30 --tuning-budget 12 --jobs 2 --out out/compare
+		--seeds 1 --duration 120 --warmup 30 --tuning-budget 12 --jobs 2 --out out/compare
 
 # Ends with the worst that any experiment ended with; computation comes last and alone, for its times.
 compare-full: .venv/installed-dev

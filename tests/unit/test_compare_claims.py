@@ -8,7 +8,17 @@ from typing import Any
 import pytest
 from compared import SETTINGS, put, report, run
 
-from gameopt_sumo.compare.claims import NO_DATA, Row, decisions, over_others, unbalanced
+from gameopt_sumo.compare.claims import (
+    LITERAL,
+    NO_DATA,
+    TOTALS,
+    UPSTREAM,
+    Row,
+    decisions,
+    over_others,
+    reasons,
+    unbalanced,
+)
 from gameopt_sumo.compare.computation import Computation, Joint
 from gameopt_sumo.compare.results import gather
 
@@ -30,6 +40,7 @@ def put_all(out: Path, by_method: dict[str, dict[str, Any]], **demand: Any) -> N
         (160.0, 100.0, "+60.0%", "reproduced"),
         (123.0, 100.0, "+23.0%", "reproduced"),
         (110.0, 100.0, "+10.0%", "not reproduced: smaller"),
+        (100.0, 100.0, "+0.0%", "not reproduced: no change"),
         (90.0, 100.0, "-10.0%", "not reproduced: the other way"),
     ],
 )
@@ -61,6 +72,17 @@ def test_a_claim_without_data_says_so(tmp_path: Path) -> None:
     everything = [*over_others(entries, "coop", 10000.0), *unbalanced(entries, "coop", 5200.0)]
     assert {row.verdict for row in everything} == {row.measured for row in everything} == {NO_DATA}
     assert all(row.label for row in everything)
+
+
+def test_what_is_not_reproduced_has_reasons(tmp_path: Path) -> None:
+    put_all(tmp_path, {"coop": {"fuel_g": 10.0, "fuel_total_g": 900.0}, "fixed": {"fuel_g": 30.0}})
+    rows = over_others(gather(tmp_path, SETTINGS), "coop", 10000.0)
+    fuel, total = (row_of(rows, f"fuel {of}, over traffic lights") for of in ("per vehicle", "of all that crossed"))
+    assert reasons([fuel], literal=True) == []
+    assert reasons([total], literal=False) == [TOTALS]
+    assert reasons([total], literal=True) == [TOTALS, LITERAL]
+    assert reasons([row_of(rows, "time-to-goal, over traffic lights")], literal=False) == [UPSTREAM]
+    assert reasons([row_of(rows, "throughput, over traffic lights")], literal=False) == []
 
 
 def test_unbalanced_inflow(tmp_path: Path) -> None:

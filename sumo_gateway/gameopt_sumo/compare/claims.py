@@ -70,6 +70,22 @@ _CHANGES = (
 )
 
 
+UPSTREAM = (
+    "Time-to-goal and fuel are counted from the control zone on, over vehicles that crossed in the window. A method "
+    "that serves fewer keeps the others upstream, where their time and fuel are not counted: the more a method is "
+    "overloaded, the better it looks in these figures, and the less is left to gain on it."
+)
+TOTALS = "Totals are over all that crossed: a method that lets more vehicles cross burns more fuel in all."
+LITERAL = (
+    "Taken literally the paper's program is rarely feasible in a closed loop, so most of its rows have slack, and the "
+    "interlock makes vehicles stop that the program would not (docs/algorithm.md)."
+)
+SHARED = (
+    "Decision time is taken in the runs, while others share the machine, and in lock-step, where a control cycle waits "
+    "for all programs."
+)
+
+
 class Row(NamedTuple):
     """One line of the table; `waiting` are vehicles left upstream, ours and theirs (or at 1:1 and 4:1)."""
 
@@ -138,6 +154,22 @@ def _speed_up(computation: Computation | None) -> Row:
     return Row(words, label, "100 times faster", measured, f"{factor / 100.0:.2f}", "", verdict)
 
 
+def reasons(rows: Sequence[Row], literal: bool) -> list[str]:
+    """Why claims of `rows` were not reproduced, as far as the way of measuring says; `literal`: profile `paper`."""
+    missed = [row for row in rows if row.verdict not in ("reproduced", NO_DATA)]
+    of_vehicles = [row for row in missed if "/" in row.waiting and "of all that crossed" not in row.words]
+    why = []
+    if any(not row.words.startswith("throughput") for row in of_vehicles):
+        why.append(UPSTREAM)
+    if any("of all that crossed" in row.words for row in missed):
+        why.append(TOTALS)
+    if any(row.words.startswith("decision at") for row in missed):
+        why.append(SHARED)
+    if literal and missed:
+        why.append(LITERAL)
+    return why
+
+
 def _row(
     words: str,
     label: str,
@@ -165,6 +197,8 @@ def _at_least(found: Figure, claimed: float) -> str:
     ratio = found.mean / claimed
     if ratio >= NEAR:
         return "reproduced"
+    if abs(ratio) < 0.005:
+        return "not reproduced: no change"
     return "not reproduced: smaller" if ratio > 0.0 else "not reproduced: the other way"
 
 

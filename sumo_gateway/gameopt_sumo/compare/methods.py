@@ -41,7 +41,7 @@ class Method:
 
 _FIXED = (
     Method(name="coop", about="the manager with the profile `default`"),
-    Method(name="coop-paper", about="the profile `paper`: the paper taken literally", profile="paper", geometry="box"),
+    Method(name="coop-paper", about="the profile `paper`, the paper taken literally", profile="paper", geometry="box"),
     Method(name="fixed", about="lights tuned at this flow and ratio, then frozen", control="fixed", plan="same"),
     Method(name="fixed-held", about="lights tuned at a ratio of 1:1 and kept", control="fixed", plan="even"),
     Method(name="actuated", about="SUMO's gap-based lights, tuned likewise", control="actuated", plan="same"),

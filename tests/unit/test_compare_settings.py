@@ -11,7 +11,8 @@ from gameopt_sumo.cli import main
 from gameopt_sumo.compare.experiments import experiments, runs_of
 from gameopt_sumo.compare.methods import MethodError, check_goes_with, known, named
 from gameopt_sumo.compare.plans import needed
-from gameopt_sumo.compare.settings import Settings, SettingsError, alone, claim, versions
+from gameopt_sumo.compare.settings import Settings, SettingsError, alone, claim, digest, versions
+from gameopt_sumo.scenarios import FourArm, write_four_arm
 
 
 def settings(**different: Any) -> Settings:
@@ -40,6 +41,14 @@ def test_a_folder_of_other_settings_is_refused_in_one_line(
         claim(tmp_path, settings(**different))
     assert says in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_another_demand_is_another_scenario(tmp_path: Path) -> None:
+    config = write_four_arm(FourArm(flow_veh_h=600.0, seed=1, duration_s=60.0), tmp_path)
+    before = digest(config)
+    assert digest(config) == before
+    write_four_arm(FourArm(flow_veh_h=600.0, seed=2, duration_s=60.0), tmp_path)
+    assert digest(config) != before
 
 
 def test_a_folder_of_other_versions_is_refused(tmp_path: Path) -> None:

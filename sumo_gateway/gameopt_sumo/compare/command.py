@@ -164,9 +164,8 @@ def _settings(
         raise click.UsageError("--junction: allowed only with --sumo FILE.sumocfg")
     digested = None
     if sumo is not None:
-        net = net_file_of(sumo)
-        read_map(net, junction)  # refuses a junction that cannot be managed before anything is run
-        digested = digest(sumo, net)
+        read_map(net_file_of(sumo), junction)  # refuses a junction that cannot be managed before anything is run
+        digested = digest(sumo)
     return Settings(
         versions=versions(),
         duration_s=duration_s,

@@ -93,6 +93,7 @@ def _together(what: str, work: Sequence[tuple[float, Work]], jobs: int, processe
             for future in _as_completed(costs):
                 future.result()
                 bar.advance(task, costs[future])
+            bar.update(task, completed=len(work))  # the costs add up to that but for rounding
         except BaseException:
             processes.stop()
             pool.shutdown(cancel_futures=True)

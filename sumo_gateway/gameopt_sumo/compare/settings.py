@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import platform
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
@@ -30,7 +31,7 @@ class SettingsError(Exception):
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
-    """Durations in s. `sumo` is a scenario of the user's own, with the digest of its configuration and net."""
+    """Durations in s. `sumo` is a scenario of the user's own, with the digest of all its files."""
 
     schema: str = SCHEMA
     report_schema: str = REPORT_SCHEMA
@@ -61,14 +62,17 @@ def versions() -> dict[str, str]:
     }
 
 
-def digest(*files: Path) -> str:
-    """One digest of these files. Raises `SettingsError`."""
+def digest(sumocfg: Path) -> str:
+    """One digest of a scenario: its configuration and every file that it names. Raises `SettingsError`."""
     total = hashlib.sha256()
-    for file in files:
-        try:
-            total.update(hashlib.sha256(file.read_bytes()).digest())
-        except OSError as error:
-            raise SettingsError(f"{file}: cannot read: {error.strerror or error}") from None
+    try:
+        configuration = sumocfg.read_bytes()
+        values = [element.get("value") or element.get("v") or "" for element in ET.fromstring(configuration).iter()]
+        named = [sumocfg.parent / name.strip() for value in values for name in value.split(",") if name.strip()]
+        for content in (configuration, *(file.read_bytes() for file in named if file.is_file())):
+            total.update(hashlib.sha256(content).digest())
+    except (OSError, ET.ParseError) as error:
+        raise SettingsError(f"{sumocfg}: cannot read: {error}") from None
     return total.hexdigest()
 
 

@@ -19,7 +19,7 @@ from gameopt_sumo.compare.claims import (
     reasons,
     unbalanced,
 )
-from gameopt_sumo.compare.computation import Computation, Joint
+from gameopt_sumo.compare.computation import Computation, Decision, Joint
 from gameopt_sumo.compare.results import gather
 
 
@@ -122,7 +122,9 @@ def test_unbalanced_inflow(tmp_path: Path) -> None:
 def test_decision_time(tmp_path: Path) -> None:
     put_all(tmp_path, {"coop": {"control_cycle__p50_ms": 4.0, "control_cycle__p99_ms": 12.0}})
     joint = Joint(8, 20, 0.75, joint_ms=6000.0, auction_ms=2.0, full_rows_ms=3.0, factor=3000.0, excess=0.01)
-    under, faster = decisions(gather(tmp_path, SETTINGS), "coop", Computation(joint=[joint]))
+    alone = [Decision(50, 4.0, 8.0), Decision(100, 7.0, 12.0), Decision(200, 13.0, 20.0)]
+    under, quiet, faster = decisions(gather(tmp_path, SETTINGS), "coop", Computation(alone, [joint]))
+    assert quiet.measured == "up to 100 and 50 vehicles of 200 tried"
     assert (under.measured, under.verdict) == ("4.0 and 12.0 ms", "the median only")
     assert (faster.measured, faster.ratio, faster.verdict) == (
         "at least 3,000 times at 8 vehicles",

@@ -25,13 +25,12 @@ from typing import Any
 import click
 from sweep import LIBRARIES
 
-from gameopt_sumo.compare.processes import two_processes
-
 sys.path.append(str(Path(__file__).parents[1] / "maps"))
 from plain_nets import NAMES
 from sites import SHIPPED, Site, site
 
 from gameopt_sumo.baselines.cli import EXIT_COLLISION
+from gameopt_sumo.compare.processes import two_processes
 
 STEP = 1.2
 """Demand is raised by this factor while capacity is looked for."""

@@ -53,7 +53,7 @@ def test_another_demand_is_another_scenario(tmp_path: Path) -> None:
 
 def test_a_folder_of_other_versions_is_refused(tmp_path: Path) -> None:
     claim(tmp_path, Settings(versions=versions() | {"libsumo": "0.1"}, duration_s=40, warmup_s=10, tuning_budget=4))
-    with pytest.raises(SettingsError, match="versions"):
+    with pytest.raises(SettingsError, match=r'versions\.libsumo "0\.1", not'):
         claim(tmp_path, settings())
 
 

@@ -93,16 +93,23 @@ def claim(out: Path, settings: Settings) -> None:
 
 def _agree(path: Path, settings: Settings) -> None:
     try:
-        before: dict[str, Any] = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+        before = _flat(path.read_bytes())
     except msgspec.DecodeError as error:
         raise SettingsError(f"{path}: not the settings of a comparison: {error}") from None
-    now: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(settings))
+    now = _flat(msgspec.json.encode(settings))
     for name in {**before, **now}:
         if before.get(name) != now.get(name):
-            then, want = msgspec.json.encode(before.get(name)).decode(), msgspec.json.encode(now.get(name)).decode()
+            then, want = (msgspec.json.encode(known.get(name)).decode() for known in (before, now))
             raise SettingsError(
                 f"{path.parent}: its results were made with {name} {then}, not {want}; choose another --out"
             )
+
+
+def _flat(settings: bytes) -> dict[str, Any]:
+    """By name, and `versions.NAME`, so that a refusal can say which."""
+    decoded = msgspec.json.decode(settings, type=dict[str, Any])
+    versions = decoded.pop("versions", {})
+    return decoded | {f"versions.{name}": version for name, version in versions.items()}
 
 
 def write_whole(path: Path, content: bytes) -> None:

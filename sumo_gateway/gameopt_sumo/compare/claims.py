@@ -72,8 +72,8 @@ _CHANGES = (
 
 UPSTREAM = (
     "Time-to-goal and fuel are counted from the control zone on, over vehicles that crossed in the window. A method "
-    "that serves fewer keeps the others upstream, where their time and fuel are not counted: the more a method is "
-    "overloaded, the better it looks in these figures, and the less is left to gain on it."
+    "that serves fewer keeps the others in the zone or upstream, where their time and fuel are not counted: the more a "
+    "method is overloaded, the better it looks in these figures, and the less is left to gain on it."
 )
 TOTALS = "Totals are over all that crossed: a method that lets more vehicles cross burns more fuel in all."
 LITERAL = (

@@ -31,6 +31,7 @@ class Made(NamedTuple):
 _COLUMNS = (
     ("throughput veh/min", "throughput_veh_min", 1),
     ("waiting upstream", "vehicles.waiting_to_enter", 0),
+    ("in the zone", "vehicles.in_zone", 0),
     ("time-to-goal s", "time_to_goal_s.mean", 2),
     ("largest s", "time_to_goal_s.max", 1),
     ("emergency s", "by_class.emergency.time_to_goal_s", 2),
@@ -79,8 +80,8 @@ searches are in `plans/`. All settings: `{FILE}`; every run: `results.json`, `re
 
 Figures are means over the seeds, ± half of the 95 % interval (Student's t; none from a single seed). \
 Time-to-goal begins at the control zone: what a vehicle waits upstream of it is not in it, so read every time beside \
-the vehicles left waiting upstream at the end. Means are over vehicles that crossed in the measuring window: a short \
-window leaves out those that take longest.
+the vehicles left waiting upstream at the end. Means are over vehicles that crossed in the measuring window: those \
+still in the zone at its end, the slowest among them, are left out, and the more so the shorter the window.
 
 {about}"""
 

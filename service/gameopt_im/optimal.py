@@ -264,12 +264,17 @@ def table(results: Results) -> Table:
     "--limit", "limit_s", type=click.FloatRange(0.1, 3600.0), default=60.0, help="Processor time for an optimum, s."
 )
 @click.option(
-    "--json", "json_file", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", show_default=False
+    "--json",
+    "json_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    show_default=False,
+    help="Write every state here, after each size.",
 )
 def command(*, recording: Path, sizes: tuple[int, ...], states: int, limit_s: float, json_file: Path | None) -> None:
     """Compare the auction and its programs with the optimum over all orders, on recorded states.
 
-    The sizes are gone through from small to large, up to the first that some state of was not solved within the limit.
+    Sizes are gone through from small to large, up to the first with a state that is not solved within the limit.
     """
     results = None
     for results in compare(recording, sizes, states, limit_s):

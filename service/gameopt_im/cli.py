@@ -140,6 +140,7 @@ def serve(
     if http is not None:
         raise click.UsageError("--http: the live page is not in this version")
     parameters = config.load(config_file)
+    config.check_profile(parameters, profile, str(config_file))
     options = ServeOptions(
         map=read_map(map_path, junction, articulated=articulated),
         parameters=parameters,

@@ -14,6 +14,7 @@ import msgspec
 from gameopt_im.core.parameters import Parameters, VehicleClass
 from gameopt_im.options import StartError
 from gameopt_im.reference import allowed, reference
+from gameopt_wire.messages import Profile
 
 __all__ = ["ConfigError", "load", "parse", "reference"]
 
@@ -143,8 +144,57 @@ def _branches(value: Any, key: str) -> Iterator[tuple[str, Any]]:
             yield from _branches(inner, f"{key}[{index}]")
 
 
+SWITCHES = (
+    "auction.order",
+    "planner.incumbent",
+    "planner.selection",
+    "planner.upstream",
+    "program.solve",
+    "interlock.ask",
+)
+"""Keys that make another method of the default profile; the paper's is one method, and has none of these parts."""
+
+
+def check_profile(parameters: Parameters, profile: Profile, name: str = "configuration") -> None:
+    """Refuse keys that the profile does not follow: a run must be what its configuration says. Raises `ConfigError`."""
+    if profile == "default":
+        return
+    usual = Parameters()
+    for key in SWITCHES:
+        table, field = key.split(".")
+        given, default = (getattr(getattr(each, table), field) for each in (parameters, usual))
+        if given != default:
+            raise ConfigError(
+                f"{name}: {key}: allowed under --profile paper: {_shown(default)}; given: {_shown(given)}"
+            )
+
+
+def _shown(value: Any) -> str:
+    """As TOML writes it."""
+    return str(value).lower() if isinstance(value, bool) else f'"{value}"'
+
+
+def _check_methods(parameters: Parameters) -> None:
+    """Switches that only make sense together."""
+    planner, ask = parameters.planner, parameters.interlock.ask
+    first_come = parameters.auction.order == "arrival"
+    for wrong, key, allowed_value, cause in (
+        (first_come and planner.incumbent, "planner.incumbent", "false", 'auction.order = "arrival"'),
+        (not planner.upstream and parameters.program.solve, "program.solve", "false", "planner.upstream = false"),
+        (
+            planner.selection == "objective" and not parameters.program.solve,
+            "planner.selection", '"delay"', "program.solve = false",
+        ),
+        (ask == "standing" and not first_come, "auction.order", '"arrival"', 'interlock.ask = "standing"'),
+        (ask == "standing" and planner.upstream, "planner.upstream", "false", 'interlock.ask = "standing"'),
+    ):  # fmt: skip
+        if wrong:
+            raise _WrongError(key, f"allowed with {cause}: {allowed_value}")
+
+
 def _cross_check(parameters: Parameters) -> None:
     """What no single key can be held to."""
+    _check_methods(parameters)
     planner, interlock, service = parameters.planner, parameters.interlock, parameters.service
     least_s = interlock.margin_s
     if planner.margin_s < least_s - ROUNDING_S:

@@ -24,7 +24,7 @@ from gameopt_im.core.snapshot import Snapshot
 from gameopt_im.inbox import Raw
 from gameopt_im.options import ServeOptions
 from gameopt_im.solver.contest import Solver
-from gameopt_im.strategy import DefaultProfile, PaperProfile, Strategy
+from gameopt_im.strategy import Strategy, strategy_of
 from gameopt_im.tracker import Tracker
 from gameopt_wire.messages import Clearance, Command, CycleReport, LedgerEntry
 
@@ -64,7 +64,7 @@ class Manager:
         self._stages: dict[str, float] = {}
 
     def _fresh_strategy(self) -> Strategy:
-        return (DefaultProfile if self.options.profile == "default" else PaperProfile)(self.options, self._ground)
+        return strategy_of(self.options, self._ground)
 
     def restart(self) -> None:
         """Lock-step time began anew: forget every vehicle and clearance, and how the last programs ended."""

@@ -126,6 +126,8 @@ def _range(kind: inspect.Type) -> str:
             if bound is not None
         ]
         return " ".join([noun, " and ".join(bounds)]).strip()
+    if isinstance(kind, inspect.BoolType):
+        return "true or false"
     if isinstance(kind, inspect.StrType):
         choice = re.fullmatch(r"\^\((.*)\)\$", kind.pattern or "")
         return " or ".join(f'"{word}"' for word in choice[1].split("|")) if choice else "text"

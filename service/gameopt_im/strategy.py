@@ -1,7 +1,8 @@
-"""The two profiles: how candidates are proposed, which programs they need, and how q* is chosen.
+"""The profiles: how candidates are proposed, which programs they need, and how q* is chosen.
 
 `DefaultProfile` is the planner that works in a closed loop: dispatch auction, slots, incumbent, horizon program.
 `PaperProfile` is the paper taken literally: auction, one-step program, least J.
+`StopSign` has neither bids nor slots: the default profile with `interlock.ask = "standing"`.
 """
 
 from __future__ import annotations
@@ -12,15 +13,15 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from gameopt_im.core import auction, corridor, decision, planning, program
+from gameopt_im.core import auction, corridor, decision, planning, program, standing
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.decision import Winner
 from gameopt_im.core.horizon import Start
-from gameopt_im.core.interlock import Limits
+from gameopt_im.core.interlock import UNCLEARED, Limits
 from gameopt_im.core.planning import Bidders, Candidate
 from gameopt_im.core.reservations import Book
 from gameopt_im.core.slots import Demand
-from gameopt_im.core.snapshot import Ints, Snapshot
+from gameopt_im.core.snapshot import Floats, Ints, Snapshot
 from gameopt_im.options import ServeOptions
 from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome
 from gameopt_im.solver.jobs import Outcome, PaperJob
@@ -49,7 +50,7 @@ class Proposal:
 
 
 class Strategy(Protocol):
-    """A profile; `slotless` ones ask for a clearance only when rule 1 binds."""
+    """A profile; `slotless` ones do not say when a vehicle is to cross, only after whom."""
 
     slotless: bool
 
@@ -93,6 +94,8 @@ class DefaultProfile:
         incumbent = decision.incumbent_order(previous, snapshot, who)
         priority = snapshot.speed_priority[who.index]
         options = planning.candidates(problem, who, priority, snapshot.waited[who.index], incumbent, parameters)
+        if not parameters.program.solve:
+            return Proposal(who, options, (), problem)
         task = planning.horizon_task(snapshot, book, limits, problem, who, parameters)
         residual = parameters.program.residual_mps
         vehicles = tuple(snapshot.ids[i] for i in who.index)
@@ -116,6 +119,8 @@ class DefaultProfile:
         if proposal.problem is None:
             return None
         options: Sequence[Candidate] = proposal.candidates
+        if not self._parameters.program.solve:
+            return self._unsolved(proposal, proposal.problem)
         objectives = [None if result is None else result.objective for result in results]
         best = planning.select(options, objectives, self._parameters)
         option = options[best or 0]
@@ -127,7 +132,16 @@ class DefaultProfile:
         bids = proposal.who.bids[max(option.weights, 0)]
         return Winner(option.weights, option.delay, option.order, option.slots, speeds, bids)
 
-    def _approach(self, problem: Demand, option: Candidate) -> np.ndarray[Any, np.dtype[np.float64]]:
+    def _unsolved(self, proposal: Proposal, problem: Demand) -> Winner:
+        """Least predicted weighted delay, without J: on the approach law, or full ahead up to the line."""
+        options: Sequence[Candidate] = proposal.candidates
+        option = options[planning.select(options, [0.0] * len(options), self._parameters) or 0]
+        waits = self._parameters.planner.upstream
+        speeds = self._approach(problem, option) if waits else np.minimum(problem.top, problem.v + problem.a * STEP_S)
+        bids = proposal.who.bids[max(option.weights, 0)]
+        return Winner(option.weights, option.delay, option.order, option.slots, speeds, bids)
+
+    def _approach(self, problem: Demand, option: Candidate) -> Floats:
         """The approach law's own next speeds, where no program has a solution."""
         speeds, _, _ = corridor.reference(
             problem.s, problem.v, option.slots, problem.a, problem.b, problem.top, problem.line_cap,
@@ -179,3 +193,50 @@ class PaperProfile:
         speeds = outcome.speeds[:n] if outcome is not None else np.full(n, np.inf)
         delay = outcome.objective if outcome is not None else 0.0
         return Winner(best, delay, order, np.full(n, np.nan), speeds, proposal.who.bids[0])
+
+
+class StopSign:
+    """Everybody drives up to its line and halts; who has stood longest goes as soon as it can cross full ahead."""
+
+    slotless = True
+
+    def __init__(self, options: ServeOptions, ground: Ground) -> None:
+        self._ground = ground
+        self._accel_share = options.parameters.planner.accel_share
+        self._queue: tuple[str, ...] = ()
+
+    def propose(
+        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...]
+    ) -> Proposal:
+        """One order: the queue at the lines, then who has not come to a stand yet, by zone entry."""
+        del book, previous
+        uncleared = limits.phase == UNCLEARED
+        at_line = standing.at_line(snapshot, self._ground)
+        self._queue = standing.queue(self._queue, snapshot, uncleared, at_line)
+        place = {vehicle: i for i, vehicle in enumerate(snapshot.ids)}
+        waiting = np.array([place[vehicle] for vehicle in self._queue], dtype=np.int64)
+        row = {int(i): k for k, i in enumerate(who.index)}
+        order = [row[int(i)] for i in waiting if int(i) in row]
+        order += [row[i] for i in sorted(row) if snapshot.ids[i] not in self._queue]
+        asking = np.zeros(len(snapshot), dtype=np.bool_)
+        asking[standing.next_to_go(waiting, snapshot, self._ground)] = True
+        top, reach = snapshot.v_max[who.index], snapshot.a_max[who.index] * self._accel_share * STEP_S
+        winner = Winner(
+            0, 0.0, np.array(order, dtype=np.int64), np.full(len(who), np.nan),
+            np.minimum(top, snapshot.v[who.index] + reach), who.bids[0], asking,
+        )  # fmt: skip
+        return Proposal(who, (winner,) if len(who) else (), (), None)
+
+    def choose(self, proposal: Proposal, results: Sequence[Outcome | None]) -> Winner | None:
+        """The one there is."""
+        del results
+        return proposal.candidates[0] if proposal.candidates else None
+
+
+def strategy_of(options: ServeOptions, ground: Ground) -> Strategy:
+    """The strategy of these options, fresh."""
+    if options.profile == "paper":
+        return PaperProfile(options, ground)
+    if options.parameters.interlock.ask == "standing":
+        return StopSign(options, ground)
+    return DefaultProfile(options, ground)

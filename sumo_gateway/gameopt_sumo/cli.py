@@ -1,4 +1,4 @@
-"""gameopt-sumo: write scenarios, read maps."""
+"""gameopt-sumo: write scenarios, read maps, compare methods."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from gameopt_sumo.compare.command import compare
 from gameopt_sumo.network import NetworkError, map_json, read_map
 from gameopt_sumo.scenarios import FourArm, ScenarioError, write_four_arm
 
@@ -47,7 +48,10 @@ def _shares(context: click.Context, option: click.Parameter, value: str) -> dict
 
 @click.group(no_args_is_help=False, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
 def command() -> None:
-    """SUMO, the road: write scenarios, read a net as an intersection map."""
+    """SUMO, the road: write scenarios, read a net as an intersection map, compare methods on the same arrivals."""
+
+
+command.add_command(compare)
 
 
 @command.group(no_args_is_help=False)
@@ -77,7 +81,7 @@ def scenario() -> None:
     callback=_shares,
     default="car=.85,truck=.12,emergency=.03",
     metavar="NAME=SHARE,...",
-    help="Shares of the vehicle classes car, truck, emergency.",
+    help="Shares of the vehicle classes car, truck, emergency, taxi.",
 )
 @click.option("--lanes", type=int, default=3, metavar="1-3", help="Lanes per approach.")
 @click.option("--seed", type=int, default=1, metavar="N", help="Seed of the arrivals.")
@@ -115,8 +119,7 @@ def write_map(net: Path, junction: str | None, articulated: bool, out: Path | No
 def main() -> None:
     """The command: whatever is wrong with the input is one line on stderr and exit code 2."""
     try:
-        command.main(standalone_mode=False)
-        code = 0
+        code = command.main(standalone_mode=False) or 0
     except click.exceptions.Abort:
         code = 128 + signal.SIGINT
     except click.ClickException as error:

@@ -35,6 +35,8 @@ VEHICLE_TYPES: Mapping[str, VehicleType] = MappingProxyType(
         "car": VehicleType("passenger", 5.0, 1.8, 2.6, 4.5, 9.0, 50.0, "HBEFA3/PC_G_EU4", "passenger"),
         "truck": VehicleType("truck", 10.0, 2.5, 1.04, 4.0, 7.0, 36.0, "HBEFA3/HDV_D_EU4", "truck"),
         "emergency": VehicleType("emergency", 6.5, 2.1, 2.9, 4.5, 9.0, 50.0, "HBEFA3/LDV_D_EU4", "emergency"),
+        # A car of another class: the report shows its figures apart, and its drivers can be given their own wishes.
+        "taxi": VehicleType("taxi", 5.0, 1.8, 2.6, 4.5, 9.0, 50.0, "HBEFA3/PC_G_EU4", "taxi"),
     }
 )
 

@@ -45,6 +45,21 @@ def start(config: Path, seed: int, gui: bool, extra_args: Sequence[str], hush: H
         raise SimulationError(f"{config}: {hush.reason(str(error))}") from None
 
 
+def advance(until_s: float, hush: Hush) -> None:
+    """Let SUMO alone make all the steps up to a time. Raises `SimulationError`."""
+    try:
+        with hush:
+            libsumo.simulationStep(until_s)
+    except SUMO_FAULTS as error:
+        raise SimulationError(f"SUMO stopped before {until_s:.1f} s: {hush.reason(str(error))}") from None
+
+
+def end(hush: Hush) -> None:
+    """End the run."""
+    with hush:
+        libsumo.close()
+
+
 def take_over(junction: str, gates_mps: Mapping[str, float]) -> None:
     """Switch the lights of the junction off, if they serve no other, and slow down who comes into a short zone."""
     api = libsumo.trafficlight
@@ -97,6 +112,16 @@ def stop_sooner(vehicle: str, end_m: float) -> None:
 def vehicles_on(lane: str) -> tuple[str, ...]:
     """The vehicles with their front on a lane, upstream first."""
     return tuple(libsumo.lane.getLastStepVehicleIDs(lane))
+
+
+def count_on(lane: str) -> int:
+    """How many vehicles have their front on a lane."""
+    return int(libsumo.lane.getLastStepVehicleNumber(lane))
+
+
+def count_pending() -> int:
+    """How many vehicles whose time has come find no room on the road."""
+    return len(libsumo.simulation.getPendingVehicles())
 
 
 def position_m(vehicle: str) -> float:

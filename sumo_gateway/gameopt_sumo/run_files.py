@@ -7,6 +7,7 @@ import re
 import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
@@ -46,19 +47,34 @@ def sumo_arguments(sumocfg: Path, seed: int, own: Sequence[str]) -> list[str]:
     return ["-c", str(sumocfg), *own, *(text for option in (*quiet, *enforced) for text in option)]
 
 
-def net_file_of(sumocfg: Path) -> Path:
-    """The net a .sumocfg names. Raises `SimulationError` if the file is missing, broken or names none."""
+def net_file_of(sumocfg: Path, own: Sequence[str] = ()) -> Path:
+    """The net that SUMO will load: the one that its `own` options name, else the .sumocfg.
+
+    Raises `SimulationError` if the .sumocfg is missing or broken, or no net is named.
+    """
     if not sumocfg.is_file():
         raise SimulationError(f"{sumocfg}: no such file; a SUMO configuration (.sumocfg) is needed")
     try:
         root = ET.parse(sumocfg).getroot()
     except (ET.ParseError, UnicodeDecodeError, OSError) as error:
         raise SimulationError(f"{sumocfg}: not a SUMO configuration: {error}") from None
+    if named := _option_value(own, {"--net-file", "--net", "-n"}):
+        return Path(named)
     for name in ("net-file", "net", "n"):
         option = root.find(f".//{name}")
         if option is not None and (value := option.get("value") or option.get("v")):
             return sumocfg.parent / value
     raise SimulationError(f"{sumocfg}: names no net; <net-file value=.../> is needed under <input>")
+
+
+def _option_value(own: Sequence[str], names: set[str]) -> str | None:
+    """What the last of these options is set to, as `--name VALUE` or `--name=VALUE`."""
+    found = None
+    for argument, following in zip_longest(own, own[1:]):
+        name, equals, value = argument.partition("=")
+        if name in names:
+            found = value if equals else following
+    return found
 
 
 class NominalDemand(NamedTuple):

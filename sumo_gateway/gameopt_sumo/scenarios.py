@@ -51,7 +51,7 @@ class FourArm:
     turns: Turns = (0.25, 0.5, 0.25)
     """Shares of right, straight, left."""
     classes: Mapping[str, float] = field(default_factory=lambda: _DEFAULT_CLASSES)
-    """Shares of car, truck, emergency."""
+    """Shares of car, truck, emergency, taxi."""
     lanes: int = 3
     """Per approach. 3: one for each intention; 2: right and straight share one; 1: all share one."""
     seed: int = 1
@@ -163,17 +163,27 @@ def build_net(described: Mapping[str, str], net_file: Path, options: Sequence[st
     Raises `ScenarioError` if netconvert is missing or fails.
     """
     with tempfile.TemporaryDirectory(prefix="gameopt-") as scratch:
-        command = [sumo_binary("netconvert"), "--output-file", str(Path(scratch, "net.xml"))]
+        arguments = []
         for kind, text in described.items():
             file = Path(scratch, f"{kind}.xml")
             file.write_text(text, encoding="utf-8")
-            command += [f"--{kind}-files", str(file)]
-        command += [*options, "--junctions.internal-link-detail", "20"]
+            arguments += [f"--{kind}-files", str(file)]
+        netconvert((*arguments, *options, "--junctions.internal-link-detail", "20"), net_file)
+
+
+def netconvert(arguments: Sequence[str], net_file: Path) -> None:
+    """Write the net that netconvert makes of `arguments`, without the date and the paths of its input.
+
+    Raises `ScenarioError` if netconvert is missing or fails.
+    """
+    with tempfile.TemporaryDirectory(prefix="gameopt-") as scratch:
+        made = Path(scratch, "net.xml")
+        command = [sumo_binary("netconvert"), "--output-file", str(made), *arguments]
         result = subprocess.run(command, capture_output=True, text=True, check=False)
         if result.returncode != 0:
             lines = result.stderr.strip().splitlines()
             raise ScenarioError(f"netconvert failed: {lines[0] if lines else 'no message'}")
-        net = Path(scratch, "net.xml").read_text(encoding="utf-8")
+        net = made.read_text(encoding="utf-8")
     # netconvert opens its file with a comment that names the date and the paths of its input.
     net_file.write_text(re.sub(r"<!--.*?-->\s*", "", net, flags=re.DOTALL), encoding="utf-8")
 

@@ -61,7 +61,8 @@ class Simulation:
         """Read the map and start SUMO; raises `SimulationError`, one line, for whatever is wrong."""
         config = Path(sumocfg)
         try:
-            self._layout: Layout = read_layout(net_file_of(config), junction, control_zone_m, articulated=articulated)
+            net = net_file_of(config, extra_args)
+            self._layout: Layout = read_layout(net, junction, control_zone_m, articulated=articulated)
         except NetworkError as error:
             raise SimulationError(f"{config}: {error}") from None
         full_map = self._layout.map

@@ -23,11 +23,14 @@ from pathlib import Path
 from typing import Any
 
 import click
-from sweep import LIBRARIES, two_processes
+from sweep import LIBRARIES
 
 sys.path.append(str(Path(__file__).parents[1] / "maps"))
 from plain_nets import NAMES
 from sites import SHIPPED, Site, site
+
+from gameopt_sumo.baselines.cli import EXIT_COLLISION
+from gameopt_sumo.compare.processes import two_processes
 
 STEP = 1.2
 """Demand is raised by this factor while capacity is looked for."""
@@ -61,9 +64,7 @@ class Run:
             if self.ours:
                 self._drive(config, path)
             else:
-                own = [sys.executable, __file__, "own", config, self.site.junction]
-                rest = [self.seed, self.duration, self.warmup, path]
-                subprocess.run([str(part) for part in (*own, *rest)], check=True)
+                self._watch(config, path)
         report = dict(json.loads(path.read_text()))
         report["trip_loss_s"] = _trip_loss_s(self.folder / "trips.xml", self.warmup)
         return report
@@ -71,8 +72,18 @@ class Run:
     def _drive(self, config: Path, path: Path) -> None:
         common = ["--clock", "lockstep", "--junction", self.site.junction]
         serve = [*common, "--map", self.site.net, "--workers", "1"]
-        times = ["--duration", str(self.duration), "--warmup", str(self.warmup), "--seed", str(self.seed)]
-        two_processes(serve, [*common, "--sumo", config, *times, "--report", path], self.folder)
+        two_processes(serve, [*common, "--sumo", config, *self._times(), "--report", path], self.folder)
+
+    def _watch(self, config: Path, path: Path) -> None:
+        """The net's own control; what collides there is in its report."""
+        own = [sys.executable, "-m", "gameopt_sumo.baselines", "run", str(config), "--method", "own"]
+        rest = ["--junction", self.site.junction, *self._times(), "--report", str(path)]
+        done = subprocess.run([*own, *rest], check=False)
+        if done.returncode not in (0, EXIT_COLLISION):
+            raise subprocess.CalledProcessError(done.returncode, done.args)
+
+    def _times(self) -> list[str]:
+        return ["--duration", str(self.duration), "--warmup", str(self.warmup), "--seed", str(self.seed)]
 
 
 def _trip_loss_s(trips: Path, warmup: int) -> float | None:
@@ -130,7 +141,7 @@ def _at(report: dict[str, Any], *path: str) -> Any:
     return value
 
 
-@click.group(invoke_without_command=True, context_settings={"show_default": True})
+@click.command(context_settings={"show_default": True})
 @click.option("--only", default="", help="Names of junctions, comma-separated; else all.")
 @click.option("--seeds", default="101-103", help="FIRST-LAST.")
 @click.option("--shares", default="0.5,0.9", help="Demand as shares of the own control's capacity.")
@@ -138,13 +149,8 @@ def _at(report: dict[str, Any], *path: str) -> Any:
 @click.option("--warmup", default=60, help="Simulated seconds before measuring.")
 @click.option("--jobs", default=2, help="Runs at a time.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/any-junction"))
-@click.pass_context
-def main(
-    context: click.Context, only: str, seeds: str, shares: str, duration: int, warmup: int, jobs: int, out: Path
-) -> None:
+def main(only: str, seeds: str, shares: str, duration: int, warmup: int, jobs: int, out: Path) -> None:
     """Measure every junction and print a Markdown table."""
-    if context.invoked_subcommand:
-        return
     first, _, last = seeds.partition("-")
     names = only.split(",") if only else (*SHIPPED, *NAMES)
     chosen = [site(name, out / "nets") for name in names]
@@ -172,26 +178,6 @@ def main(
         for place, (most, steps) in zip(chosen, capacities, strict=True):
             click.echo(f"- {place.name}: {most:.0f} ({', '.join(f'{d}: {served:.0f}' for d, served in steps)})")
     sys.exit(collided)
-
-
-@main.command()
-@click.argument("config", type=click.Path(path_type=Path))
-@click.argument("junction")
-@click.argument("seed", type=int)
-@click.argument("duration", type=float)
-@click.argument("warmup", type=float)
-@click.argument("report", type=click.Path(path_type=Path))
-def own(config: Path, junction: str, seed: int, duration: float, warmup: float, report: Path) -> None:
-    """SUMO's own drivers under the net's own control, only watched: the measurements as JSON."""
-    import msgspec
-
-    from gameopt_sumo.simulation import Simulation
-
-    with Simulation(config, junction, seed, control=False) as simulation:
-        while simulation.time_s < duration:
-            simulation.step()
-        measured = simulation.measurements(warmup)
-    report.write_bytes(msgspec.json.encode(measured))
 
 
 if __name__ == "__main__":

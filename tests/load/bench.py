@@ -12,7 +12,8 @@ import sys
 from pathlib import Path
 
 import click
-from sweep import BIN, two_processes
+
+from gameopt_sumo.compare.processes import BIN, two_processes
 
 
 def recorded(flow: int, seconds: int, out: Path) -> Path:

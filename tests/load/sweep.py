@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import platform
-import socket
 import statistics
 import subprocess
 import sys
@@ -26,7 +25,8 @@ from rich.console import Console
 from rich.progress import track
 from scipy import stats
 
-BIN = Path(sys.executable).parent
+from gameopt_sumo.compare.processes import BIN, two_processes
+
 LIBRARIES = ("gameopt", "eclipse-zenoh", "osqp", "libsumo", "numpy", "numba")
 
 
@@ -89,36 +89,8 @@ class Run:
         two_processes(serve, drive, self.folder)
 
 
-def two_processes(serve: list[Any], drive: list[Any], folder: Path) -> None:
-    """Manager and vehicles with these options, each in a process of its own, their logs in `folder`."""
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
-    with (folder / "manager.log").open("w+") as log, (folder / "vehicles.log").open("w") as said:
-        command = [BIN / "gameopt-im", "serve", "--listen", endpoint, *serve]
-        manager = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=log, text=True)
-        try:
-            assert manager.stderr is not None
-            for line in manager.stderr:
-                log.write(line)
-                if "serving" in line:
-                    break
-            with ThreadPoolExecutor(1) as drain:
-                drain.submit(lambda: log.writelines(manager.stderr or ()))
-                command = [BIN / "gameopt-vehicles", "--connect", endpoint, *drive]
-                subprocess.run(command, stdout=said, stderr=subprocess.STDOUT, check=False)
-                manager.terminate()
-        finally:
-            manager.terminate()
-            manager.wait()
-
-
 def _check(command: list[Any]) -> None:
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def _seeds(text: str) -> list[int]:

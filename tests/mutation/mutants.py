@@ -107,8 +107,8 @@ MUTANTS = (
     Mutant(
         "ground freed on the asking",
         f"{CORE}/decision.py",
-        "elif int(snapshot.accepted[i]) == NONE and (reservation.withdrawn or able[i]):",
-        "elif reservation.withdrawn or able[i]:",
+        "returned = accepted & ~left & (says == NONE) & may_drop",
+        "returned = accepted & ~left & may_drop",
         f"{UNIT}/test_decision.py::test_a_clearance_asked_back_is_free_once_its_vehicle_says_so",
     ),
     Mutant(
@@ -121,22 +121,22 @@ MUTANTS = (
     Mutant(
         "a slip that is never made good",
         f"{CORE}/decision.py",
-        "planned[i] = motion.tracking_speed(ahead, float(reservation.x[k] + snapshot.s[i]))",
+        "planned[i] = motion.tracking_speed(ahead, rows.x[r, k] + s[i])",
         "planned[i] = ahead",
         f"{UNIT}/test_decision.py::test_who_is_behind_its_profile_may_catch_up",
     ),
     Mutant(
         "offers of silent vehicles lapse",
         f"{CORE}/decision.py",
-        "snapshot.time_s - float(snapshot.age[i]) > reservation.expires_s",
-        "snapshot.time_s > reservation.expires_s",
+        "expired = snapshot.time_s - snapshot.age > rows.expires_s[row] + 1e-6",
+        "expired = snapshot.time_s > rows.expires_s[row] + 1e-6",
         f"{UNIT}/test_decision.py::test_a_silent_vehicle_keeps_its_ground",
     ),
     Mutant(
         "ground freed on a prediction",
         f"{CORE}/decision.py",
-        "x = -float(snapshot.heard_s[i])",
-        "x = -float(snapshot.s[i])",
+        "movement, x = rows.movement[row], -snapshot.heard_s",
+        "movement, x = rows.movement[row], -snapshot.s",
         f"{UNIT}/test_decision.py::test_the_ground_is_free_once_the_rear_has_left_it",
     ),
     Mutant(
@@ -219,7 +219,7 @@ MUTANTS = (
     Mutant(
         "a silent vehicle predicted past its setback",
         "service/gameopt_im/tracked.py",
-        "vehicle.setback_m + STOP_OFFSET_M",
+        "heard.setback + STOP_OFFSET_M",
         "STOP_OFFSET_M",
         f"{UNIT}/test_tracker_aging.py::test_an_uncleared_vehicle_is_predicted_to_stop_before_its_setback",
     ),
@@ -261,8 +261,8 @@ MUTANTS = (
     Mutant(
         "an overflow bound that costs nothing",
         f"{CORE}/auction.py",
-        "(1.0 - alpha[passed]) - cost.sum(axis=1)",
-        "(1.0 - alpha[passed])",
+        "(1.0 - alpha[passed[r]]) - cost[r].sum()",
+        "(1.0 - alpha[passed[r]])",
         f"{UNIT}/test_auction.py::test_a_blocked_bid_passes_a_share_of_its_bound_to_the_one_ahead",
     ),
     Mutant(
@@ -320,5 +320,19 @@ MUTANTS = (
         "- rules.hold_weight * hold(car, course.exit_m[i], line[i])",
         "",
         f"{UNIT}/test_slots.py::test_a_turn_that_would_part_a_platoon_waits_for_what_it_costs",
+    ),
+    Mutant(
+        "a stop sign that later ones pass",
+        f"{CORE}/standing.py",
+        "if np.isnan(met).all():",
+        "if True:",
+        f"{UNIT}/test_standing.py::test_nobody_asks_whom_somebody_before_it_is_in_the_way_of",
+    ),
+    Mutant(
+        "an optimum whose rows bind in the other order",
+        "service/gameopt_im/solver/joint_order.py",
+        "model.addCons(left - most * (1 - active) <= slack)",
+        "model.addCons(left - most * active <= slack)",
+        f"{UNIT}/test_joint.py::test_the_answer_is_the_best_of_all_orders_that_keep_the_lanes[4-3]",
     ),
 )

@@ -157,6 +157,27 @@ def watch_standing(road: Any) -> set[str]:
     return standing
 
 
+def watch_halts(road: Any) -> dict[str, bool]:
+    """Who has crossed its line, and whether it had come to a stand at it or at its setback."""
+    step = road.step
+    setback_m = {movement.id: max(movement.setback_m or [0.0]) for movement in road.map.movements}
+    stood: set[str] = set()
+    crossed: dict[str, bool] = {}
+
+    def watched() -> Any:
+        observations = step()
+        for seen in observations:
+            if seen.speed_mps < 0.1 and 0.0 < seen.distance_m < 1.5 + setback_m[seen.movement]:
+                stood.add(seen.vehicle)
+        for seen in observations:
+            if seen.distance_m < 0.0:
+                crossed.setdefault(seen.vehicle, seen.vehicle in stood)
+        return observations
+
+    road.step = watched
+    return crossed
+
+
 async def drive(
     sumocfg: str,
     duration_s: float,
@@ -169,17 +190,18 @@ async def drive(
     articulated: bool = False,
     profile: Any = "default",
     geometry: Any = "areas",
+    configuration: str = "",
     **settings: Any,
 ) -> dict[str, Any]:
     """One run: collisions by both counts, vehicles, programs and a digest of all commands."""
-    from gameopt_im.core.parameters import Parameters
+    from gameopt_im import config
     from gameopt_im.manager import Manager
     from gameopt_im.options import ServeOptions
     from gameopt_im.service import solver_of
     from gameopt_sumo.simulation import Simulation
     from gameopt_vehicles.fleet import Fleet, Settings
 
-    parameters = Parameters()
+    parameters = config.parse(configuration)
     if broken == "margin":
         parameters = break_margins()
     elif broken == "rear end":
@@ -188,7 +210,7 @@ async def drive(
     if qp_share:
         share.install()
     with Simulation(Path(sumocfg), junction, seed, inflate_m=inflate_m, articulated=articulated) as road:
-        standing = watch_standing(road)
+        standing, halts = watch_standing(road), watch_halts(road)
         known = msgspec.structs.replace(road.map, areas=[]) if broken == "conflict area" else road.map
         options = ServeOptions(
             map=known, parameters=parameters, clock="lockstep", workers=0, profile=profile, geometry=geometry
@@ -204,6 +226,8 @@ async def drive(
         "vehicles": measured["vehicles"],
         "overlapping": overlapping,
         "standing": sorted(standing),
+        "halted": sum(halts.values()),
+        "ran_through": sorted(vehicle for vehicle, stood in halts.items() if not stood),
         "solved": bus.last_report.qp_solved_total,
         "rejected": bus.last_report.rejected_total,
         "fallbacks": fleet.tally.fallbacks,

@@ -113,6 +113,19 @@ def test_no_message_ever_contains_the_private_preference() -> None:
     run(scenario)
 
 
+def test_a_class_bids_by_the_aggressiveness_given_to_it() -> None:
+    async def scenario() -> None:
+        async with StandIn() as manager:
+            await drive(manager, present=30, duration_s=3.0, aggressiveness={"passenger": 0.75})
+        classes = {state.vehicle: state.vehicle_class for state in manager.states}
+        cars = {bid.assertiveness for bid in manager.bids if classes[bid.vehicle] == "passenger"}
+        others = {bid.assertiveness for bid in manager.bids if classes[bid.vehicle] != "passenger"}
+        assert cars == {4.0}
+        assert len(others) > 1, "who is not named has a preference of its own"
+
+    run(scenario)
+
+
 def test_a_silent_manager_ends_the_lockstep(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gameopt_vehicles.fleet.SILENCE_S", 0.3)
 

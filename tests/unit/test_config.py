@@ -81,7 +81,7 @@ def test_a_new_class_starts_from_passenger() -> None:
             "[exits]\n",
             "im.toml: exits: unknown key; allowed here: auction, planner, program, interlock, exit",
         ),
-        ("planner = 3\n", "im.toml: planner: allowed: margin_s, headway_s"),
+        ("planner = 3\n", "im.toml: planner: allowed: incumbent, selection"),
         (
             "[auction]\nweights = [[1, 2]]\n",
             "im.toml: auction.weights[0]: allowed: a list of 1 to 64, each a",
@@ -121,6 +121,45 @@ def test_a_bad_file_is_one_line_with_file_key_and_what_is_allowed(text: str, mes
 )
 def test_keys_that_contradict_each_other_are_refused(text: str, message: str) -> None:
     assert refusal(text).startswith(f"im.toml: {message}")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "[auction]\norder = 'arrival'\n",
+            'planner.incumbent: allowed with auction.order = "arrival": false',
+        ),
+        (
+            "[planner]\nupstream = false\n",
+            "program.solve: allowed with planner.upstream = false: false",
+        ),
+        (
+            "[planner]\nselection = 'objective'\n[program]\nsolve = false\n",
+            'planner.selection: allowed with program.solve = false: "delay"',
+        ),
+        (
+            "[interlock]\nask = 'standing'\n",
+            'auction.order: allowed with interlock.ask = "standing": "arrival"',
+        ),
+        (
+            "[interlock]\nask = 'standing'\n[auction]\norder = 'arrival'\n[planner]\nincumbent = false\n",
+            'planner.upstream: allowed with interlock.ask = "standing": false',
+        ),
+        ("[interlock]\nask = 'now'\n", 'interlock.ask: allowed: "slot" or "rule" or "standing"; given: \'now\''),
+        ("[planner]\nincumbent = 1\n", "planner.incumbent: allowed: true or false; given: 1"),
+    ],
+)
+def test_switches_that_make_no_sense_together_are_refused(text: str, message: str) -> None:
+    assert refusal(text) == f"im.toml: {message}"
+
+
+def test_the_paper_has_no_switches() -> None:
+    config.check_profile(Parameters(), "paper")
+    first_come = config.parse("[auction]\norder = 'arrival'\n[planner]\nincumbent = false\n")
+    config.check_profile(first_come, "default")
+    with pytest.raises(config.ConfigError, match=r'^im\.toml: auction\.order: allowed under --profile paper: "dis'):
+        config.check_profile(first_come, "paper", "im.toml")
 
 
 def test_margins_exactly_their_distance_apart_are_accepted() -> None:

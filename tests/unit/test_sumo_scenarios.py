@@ -86,7 +86,7 @@ def test_vehicles_depart_on_their_movements_lane(tmp_path: Path, lanes: int) -> 
         ({"arm_flows_veh_h": (0.0, 0.0, 0.0, 0.0)}, "at least one above 0"),
         ({"turns": (0.5, 0.5, 0.5)}, "turns must be shares that add up to 1"),
         ({"turns": (float("nan"), 0.5, 0.5)}, "turns must be shares"),
-        ({"classes": {"car": 0.5, "tank": 0.5}}, "classes has 'tank', allowed: car, truck, emergency"),
+        ({"classes": {"car": 0.5, "tank": 0.5}}, "classes has 'tank', allowed: car, truck, emergency, taxi"),
         ({"classes": {"car": 0.5}}, "classes must be shares that add up to 1"),
         ({"lanes": 4}, "lanes is 4, allowed: 1, 2, 3"),
         ({"seed": -1}, "seed is -1"),

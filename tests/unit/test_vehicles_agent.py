@@ -147,6 +147,13 @@ def test_bids_come_at_entry_every_second_and_when_they_change_until_cleared() ->
     assert drive.agent.bid(drive.time_s) is None
 
 
+def test_a_vehicle_whose_aggressiveness_is_given_bids_by_it() -> None:
+    for aggressiveness, assertiveness in ((0.0, 1.0), (0.5, 3.0), (1.0, 5.0)):
+        bid = Drive(aggressiveness=aggressiveness).agent.bid(0.0)
+        assert bid is not None
+        assert bid.assertiveness == assertiveness
+
+
 def test_a_leader_overrules_every_command_and_a_stranger_is_told_to_the_manager() -> None:
     stranger = {"leader_gap_m": 17.2, "leader_speed_mps": 10.0, "leader_decel_mps2": 4.5, "leader_strange": True}
     drive = Drive(Seen(speed_mps=15.0, **stranger))

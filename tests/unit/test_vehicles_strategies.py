@@ -37,6 +37,13 @@ def test_a_preference_depends_on_seed_and_vehicle_alone() -> None:
     assert preference_of(1, "a", "truck") != preference_of(1, "b", "truck")
 
 
+def test_a_given_preference_replaces_the_drawn_one_within_the_class_range() -> None:
+    given = preference_of(1, "a", "truck", 0.25)
+    assert given.aggressiveness == 0.25
+    assert truthful(given) == 3.75
+    assert preference_of(1, "a", "taxi", 1.0).highest == ASSERTIVENESS["passenger"][1]
+
+
 def test_a_preference_does_not_show_in_a_log_line() -> None:
     preference = preference_of(1, "a", "truck")
     assert str(preference.aggressiveness) not in repr(preference)

@@ -54,7 +54,8 @@ class _Accepted(NamedTuple):
 class Agent:
     """An independent vehicle; `seed` and its id fix its private preference and its tracking noise.
 
-    `setback_m` is the map's, for its movement and size: it waits that much further upstream.
+    `aggressiveness` replaces the drawn preference. `setback_m` is the map's, for its movement and size: it waits
+    that much further upstream.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class Agent:
         seed: int,
         setback_m: float = 0.0,
         strategy: Strategy = truthful,
+        aggressiveness: float | None = None,
         turn_speed: bool = True,
         noise_mps: float = 0.0,
     ) -> None:
@@ -77,7 +79,7 @@ class Agent:
         self._setback_m = setback_m
         self._turn_speed = turn_speed
         self._strategy = strategy
-        self._preference: Preference = preference_of(seed, first.vehicle, first.vehicle_class)
+        self._preference: Preference = preference_of(seed, first.vehicle, first.vehicle_class, aggressiveness)
         self._noise_mps = noise_mps
         self._random = generator(seed, first.vehicle, 1) if noise_mps > 0.0 else None
         self._aim_mps = first.speed_mps

@@ -14,7 +14,7 @@ import uvloop
 
 from gameopt_vehicles.bus import BadBusConfiguration, NoManager
 from gameopt_vehicles.drive import DEFAULT_ENDPOINT, MeasuredRoad, complain, drive
-from gameopt_vehicles.options import Number, Options, check, parse_strategy
+from gameopt_vehicles.options import Number, Options, check, parse_aggressiveness, parse_strategy
 
 EXIT_BAD_INPUT = 2
 EXIT_NO_MANAGER = 3
@@ -65,6 +65,12 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     default="truthful",
     metavar="NAME",
     help="truthful, overbid or shade:FACTOR.",
+)
+@click.option(
+    "--aggressiveness",
+    callback=parse_aggressiveness,
+    metavar="CLASS=D,...",
+    help="Private aggressiveness d, 0 to 1, of all vehicles of a class (SUMO's vClass); else each draws its own.",
 )
 @click.option("--gui", is_flag=True, help="Show SUMO's window.")
 @click.version_option(package_name="gameopt")

@@ -8,7 +8,7 @@ for the control cycle's report and all its commands; under the wall clock it ste
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import msgspec
@@ -38,6 +38,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     warmup_s: float = 0.0
     seed: int = 1
     strategy: Strategy = truthful
+    aggressiveness: Mapping[str, float] = msgspec.field(default_factory=dict)
+    """By vehicle class, where it is not each vehicle's own; it stays inside the agents."""
     turn_speed: bool = True
     tracking_noise_mps: float = 0.0
     loss: float = 0.0
@@ -249,6 +251,7 @@ class Fleet:
             if movement.setback_m
             else 0.0,
             strategy=settings.strategy,
+            aggressiveness=settings.aggressiveness.get(seen.vehicle_class),
             turn_speed=settings.turn_speed,
             noise_mps=settings.tracking_noise_mps,
         )

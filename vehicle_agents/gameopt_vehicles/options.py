@@ -34,6 +34,7 @@ class Options(msgspec.Struct, frozen=True, kw_only=True):
     inflate: float
     tracking_noise: float
     strategy: Strategy
+    aggressiveness: dict[str, float]
     gui: bool
     sumo_options: tuple[str, ...]
 
@@ -55,6 +56,20 @@ def parse_strategy(_context: click.Context, _option: click.Parameter, name: str)
         return strategy_named(name)
     except ValueError as error:
         raise click.BadParameter(str(error)) from None
+
+
+def parse_aggressiveness(_context: click.Context, _option: click.Parameter, text: str | None) -> dict[str, float]:
+    """`taxi=0.5,truck=1` as {"taxi": 0.5, "truck": 1.0}; anything else is the user's error."""
+    chosen: dict[str, float] = {}
+    for part in text.split(",") if text else ():
+        name, _, number = part.partition("=")
+        try:
+            chosen[name.strip()] = float(number)
+        except ValueError:
+            chosen[name.strip()] = math.nan
+        if not (name.strip() and 0.0 <= chosen[name.strip()] <= 1.0):
+            raise click.BadParameter(f"{part!r}; allowed: CLASS=D with D from 0 to 1, separated by commas")
+    return chosen
 
 
 def check(options: Options) -> None:

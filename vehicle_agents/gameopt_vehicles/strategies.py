@@ -79,7 +79,9 @@ def generator(seed: int, vehicle: str, purpose: int) -> np.random.Generator:
     return np.random.default_rng([seed, purpose, int.from_bytes(own[:16], "big")])
 
 
-def preference_of(seed: int, vehicle: str, vehicle_class: str) -> Preference:
-    """The preference that vehicle has under that seed."""
+def preference_of(seed: int, vehicle: str, vehicle_class: str, aggressiveness: float | None = None) -> Preference:
+    """The preference that vehicle has under that seed; `aggressiveness` replaces the drawn one."""
     lowest, highest = ASSERTIVENESS.get(vehicle_class, ASSERTIVENESS["passenger"])
-    return Preference(float(generator(seed, vehicle, 0).beta(*AGGRESSIVENESS_BETA)), lowest, highest)
+    if aggressiveness is None:
+        aggressiveness = float(generator(seed, vehicle, 0).beta(*AGGRESSIVENESS_BETA))
+    return Preference(aggressiveness, lowest, highest)

@@ -109,6 +109,7 @@ class Winner:
     """q*: the bidders' rows in crossing order, their slots (s from now) and speeds (m/s).
 
     `number` is the weight vector it came from, -1 for the incumbent; `delay` its predicted weighted delay, s.
+    `asking` (vehicles of the snapshot,) marks who wants a clearance now; None leaves it to `interlock.ask`.
     """
 
     number: int
@@ -117,6 +118,7 @@ class Winner:
     slots: Floats
     speeds: Floats
     bids: Floats
+    asking: Bools | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +147,7 @@ def conclude(
 ) -> Conclusion:
     """Grant clearances in the winner's order, then bound every planned speed by the interlock.
 
-    `slotless` is the paper's profile: a clearance is asked for only when rule 1 binds, and without a slot.
+    `slotless` winners have no slots: a clearance is never asked for ahead of one, and aims at none.
     """
     limits = picture.limits
     planned = np.minimum(snapshot.v_max, snapshot.v + snapshot.a_max * parameters.planner.accel_share * STEP_S)
@@ -156,8 +158,8 @@ def conclude(
         order = who.index[winner.order]
         planned[who.index] = winner.speeds
         slots[who.index] = winner.slots
-        asking = interlock.binds(planned, limits)
-        if not slotless:
+        asking = interlock.binds(planned, limits) if winner.asking is None else winner.asking
+        if not slotless and parameters.interlock.ask == "slot":
             asking |= slots < parameters.interlock.grant_ahead_s
         aims = np.full(len(snapshot), NO_SLOT) if slotless else slots
         grants = grant(snapshot, ground, book, limits, picture.scene, order, aims, asking, parameters, next_clearance)

@@ -88,3 +88,13 @@ def schedules(demand: Demand, rules: Rules, bids: Floats, order: Ints) -> tuple[
         row = bids[max(k - 1, 0)]
         orders[k], slots[k], lines[k] = schedule(demand, rules, course, row, order, k > 0)
     return orders, slots, lines
+
+
+@kernel
+def scheduled(demand: Demand, rules: Rules, orders: Ints) -> tuple[Floats, Floats]:
+    """(slots, line speeds), both (C, n), of the given lane-respecting orders (C, n)."""
+    course, unused = course_of(demand), np.zeros(orders.shape[1])
+    slots, lines = np.empty(orders.shape), np.empty(orders.shape)
+    for k in range(orders.shape[0]):
+        _, slots[k], lines[k] = schedule(demand, rules, course, unused, orders[k], False)
+    return slots, lines

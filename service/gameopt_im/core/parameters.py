@@ -65,6 +65,14 @@ def _weights() -> list[tuple[float, float, float, float]]:
 class Auction(Section, frozen=True, kw_only=True):
     """Features, weights and item values of the sponsored-search auction."""
 
+    order: Annotated[
+        str,
+        Meta(
+            pattern="^(dispatch|sorted|arrival)$",
+            description="who goes next: the dispatch auction's choice, the highest bid as in the paper, "
+            "or who entered the zone first, whatever it bids",
+        ),
+    ] = "dispatch"
     time_bound_s: Annotated[float, Meta(ge=1, le=120, description="c1, bound of the time feature T (s)")] = 15.0
     distance_bound_m: Annotated[float, Meta(ge=10, le=2000, description="c2, bound of the distance feature D (m)")] = (
         150.0
@@ -97,6 +105,19 @@ class Auction(Section, frozen=True, kw_only=True):
 class Planner(Section, frozen=True, kw_only=True):
     """Slots, approach and selection of the default profile."""
 
+    incumbent: Annotated[
+        bool, Meta(description="whether last cycle's order, with newcomers appended, competes with the new ones")
+    ] = True
+    selection: Annotated[
+        str,
+        Meta(
+            pattern="^(delay|objective)$",
+            description="q* by predicted weighted delay with J beside it, or by J alone as in the paper",
+        ),
+    ] = "delay"
+    upstream: Annotated[
+        bool, Meta(description="whether a delayed vehicle waits upstream to cross fast, or at its line")
+    ] = True
     margin_s: Annotated[
         Seconds,
         Meta(description="margin between windows when planning; keep it above interlock.margin_s (s)"),
@@ -139,6 +160,9 @@ class Planner(Section, frozen=True, kw_only=True):
 class Program(Section, frozen=True, kw_only=True):
     """The quadratic programs."""
 
+    solve: Annotated[
+        bool, Meta(description="whether programs are solved; without, vehicles are driven on the approach law")
+    ] = True
     lambda_: Annotated[Share, Meta(description="trade-off lambda between speed and steadiness (1)")] = msgspec.field(
         default=0.7, name="lambda"
     )
@@ -167,6 +191,14 @@ class Program(Section, frozen=True, kw_only=True):
 class Interlock(Section, frozen=True, kw_only=True):
     """The last word over any solver."""
 
+    ask: Annotated[
+        str,
+        Meta(
+            pattern="^(slot|rule|standing)$",
+            description="a clearance is asked for ahead of the slot or where rule 1 binds; only where rule 1 binds; "
+            "only once the vehicle has come to a stand at its line, as at a stop sign",
+        ),
+    ] = "slot"
     margin_s: Annotated[
         float, Meta(ge=0.05, le=10, description="least time between two windows on one conflict area (s)")
     ] = 0.15

@@ -10,7 +10,7 @@ import numpy as np
 
 from gameopt_im.core import auction, bids
 from gameopt_im.core.conflicts import Ground, groups
-from gameopt_im.core.dispatch import schedules
+from gameopt_im.core.dispatch import scheduled, schedules
 from gameopt_im.core.horizon import HorizonRules, HorizonTask, platoons
 from gameopt_im.core.interlock import UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER, kernel, manner_of
@@ -170,7 +170,7 @@ def candidates(
     incumbent: Sequence[int],
     parameters: Parameters,
 ) -> list[Candidate]:
-    """The incumbent first, then the distinct sequences of the dispatch auction, one per weight vector.
+    """The incumbent first, if it competes, then the distinct sequences of `auction.order`, one per weight vector.
 
     Beyond the planner's patience a wait raises the bid, in some sequences more than in others, and weighs in the
     choice between them by its square: the least total delay could starve a vehicle, while bids that only count waits
@@ -184,11 +184,22 @@ def candidates(
     impatience = np.resize(planner.impatience, len(who.bids))
     seconds = parameters.auction.bid_seconds * who.bids + impatience[:, None] * overdue
     given = by_lane(np.array(incumbent, dtype=np.int64), np.array(who.counts, dtype=np.int64))
-    orders, slots, lines = schedules(problem, rules_of(parameters), seconds, given)
+    orders, slots, lines = _schedules(problem, seconds, given, parameters)
     late = np.maximum(0.0, waited + slots - planner.patience_s)
     delays = weighted_delay(problem, slots, priority) + planner.starvation_weight * np.sum(late**2, axis=1)
-    first = {order.tobytes(): k for k, order in reversed(list(enumerate(orders)))}
+    first = {order.tobytes(): k for k, order in reversed(list(enumerate(orders))) if k or planner.incumbent}
     return [Candidate(k - 1, orders[k], slots[k], lines[k], float(delays[k])) for k in sorted(first.values())]
+
+
+def _schedules(problem: Demand, seconds: Floats, given: Ints, parameters: Parameters) -> tuple[Ints, Floats, Floats]:
+    """(orders, slots, line speeds): of the given order first, then by `auction.order` on bids (K, n) in seconds."""
+    rule, rules = parameters.auction.order, rules_of(parameters)
+    if rule == "dispatch":
+        return schedules(problem, rules, seconds, given)
+    lines = auction.queues(problem.lane, problem.s, problem.arrival)
+    bids = seconds if rule == "sorted" else -problem.arrival[None].astype(np.float64)
+    orders = np.concatenate((given[None], auction.lane_orders(bids, lines)))
+    return orders, *scheduled(problem, rules, orders)
 
 
 @kernel
@@ -218,8 +229,10 @@ class Stake(NamedTuple):
 
 
 def stake_of(option: Candidate, parameters: Parameters) -> Stake:
-    """The stake of a candidate; the incumbent has a bonus."""
+    """The stake of a candidate; the incumbent has a bonus. Where J alone counts, only it is at stake."""
     bonus = parameters.planner.incumbent_bonus if option.weights == INCUMBENT else 0.0
+    if parameters.planner.selection == "objective":
+        return Stake(0.0, 1.0, bonus)
     return Stake(option.delay, parameters.program.objective_weight, bonus)
 
 

@@ -14,8 +14,10 @@ class BetweenCycles:
 
     def __init__(self) -> None:
         self._cycles = 0
+        self._enabled = True
 
     def __enter__(self) -> BetweenCycles:
+        self._enabled = gc.isenabled()
         gc.collect()
         gc.freeze()  # what stands now stands for good: later collections need not look at it
         gc.disable()
@@ -24,8 +26,9 @@ class BetweenCycles:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        gc.enable()
         gc.unfreeze()
+        if self._enabled:
+            gc.enable()
 
     def cycle_done(self) -> None:
         """A control cycle has ended and its commands are out."""

@@ -18,7 +18,6 @@ from gameopt_im.core import decision, planning
 from gameopt_im.core.conflicts import ground
 from gameopt_im.core.decision import Conclusion, Picture, Settled, Winner
 from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
-from gameopt_im.core.kinematics import NEVER
 from gameopt_im.core.reservations import Book, Reservation
 from gameopt_im.core.snapshot import Snapshot
 from gameopt_im.inbox import Raw
@@ -29,6 +28,9 @@ from gameopt_im.tracker import Tracker
 from gameopt_wire.messages import Clearance, Command, CycleReport, LedgerEntry
 
 log = structlog.get_logger()
+
+LATEST_S = 1e6
+"""A slot farther off than this is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +100,7 @@ class Manager:
             self._next_clearance, self._strategy.slotless,
         )  # fmt: skip
         self._next_clearance += len(concluded.grants.given)
+        self._tracker.reserved = frozenset(self._book.held)
         self._mark("interlock")
         commands = self._commands(snapshot, limits, concluded)
         ledger = self._write_ledger(settled, time_s)
@@ -125,7 +128,7 @@ class Manager:
         rank[concluded.order] = np.arange(len(concluded.order))
         now_s, held = snapshot.time_s, self._book.held
         valid_until_s = now_s + self.options.parameters.service.command_valid_s
-        slots = np.where(np.abs(concluded.slots) < NEVER / 2, np.maximum(0.0, now_s + concluded.slots), np.nan)
+        slots = np.where(concluded.slots < LATEST_S, np.maximum(0.0, now_s + concluded.slots), np.nan)  # NaN for none
         offers = limits.phase != INTRUDING
         columns = (concluded.speeds, slots, np.isnan(slots), rank, offers, snapshot.silent)
         commands = []

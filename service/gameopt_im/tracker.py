@@ -83,7 +83,9 @@ class Tracker:
         self._exit_end_m = ground.length + ground.exit_length
         self._vehicles: dict[str, Tracked] = {}
         self._ordered: list[Tracked] | None = None
-        self._reserved: Collection[str] = _NOBODY
+        self.reserved: Collection[str] = _NOBODY
+        """Who has a clearance, offered or accepted: they may not change their body. To be brought up to date once a
+        control cycle has granted."""
         self._bids: dict[str, Bid] = {}
         self._gone: dict[str, State] = {}
         """The last state of vehicles dropped a moment ago: a copy that comes late is no new arrival."""
@@ -92,7 +94,7 @@ class Tracker:
     def reset(self) -> None:
         """Forgets every vehicle without a word, as when lock-step time begins anew; counters go on."""
         self._vehicles.clear()
-        self._ordered, self._reserved = None, _NOBODY
+        self._ordered, self.reserved = None, _NOBODY
         self._bids.clear()
         self._gone.clear()
         self._events.clear()
@@ -170,7 +172,7 @@ class Tracker:
 
         Vehicles that have left or been silent too long are dropped on the way, with an event each.
         """
-        self._reserved = reserved
+        self.reserved = reserved
         present = self._in_order()
         heard = heard_of(present)
         held = self._are_reserved(present)
@@ -193,10 +195,10 @@ class Tracker:
         return self._ordered
 
     def _are_reserved(self, present: Sequence[Tracked]) -> Bools:
-        return np.array([vehicle.state.vehicle in self._reserved for vehicle in present], dtype=np.bool_)
+        return np.array([vehicle.state.vehicle in self.reserved for vehicle in present], dtype=np.bool_)
 
     def _holds_clearance(self, vehicle: Tracked) -> bool:
-        return vehicle.state.vehicle in self._reserved or vehicle.state.accepted is not None
+        return vehicle.state.vehicle in self.reserved or vehicle.state.accepted is not None
 
     def _drop(self, vehicle: Tracked, fate: EventKind, time_s: float) -> None:
         name = vehicle.state.vehicle

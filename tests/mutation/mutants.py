@@ -93,9 +93,23 @@ MUTANTS = (
     Mutant(
         "a worst case behind leaders at their best",
         f"{CORE}/granting.py",
-        "room_behind(ahead, True, scene.cycle, HORIZON, ways), late_x, late_v,",
-        "room_behind(ahead, False, scene.cycle, HORIZON, ways), late_x, late_v,",
+        "worst = room_behind(ahead, True, scene.cycle, HORIZON, ways)",
+        "worst = room_behind(ahead, False, scene.cycle, HORIZON, ways)",
         f"{UNIT}/test_granting.py::test_a_follower_reserves_for_its_leaders_worst_case",
+    ),
+    Mutant(
+        "worst cases brought up to date behind leaders at their best",
+        f"{CORE}/worst_cases.py",
+        "room_behind(ahead_of(i, scene), True,",
+        "room_behind(ahead_of(i, scene), False,",
+        f"{UNIT}/test_worst_cases.py::test_on_a_clearance",
+    ),
+    Mutant(
+        "exit ways behind leaders at their best",
+        f"{CORE}/scene.py",
+        "room_behind(ahead_on_exit(i, scene), True,",
+        "room_behind(ahead_on_exit(i, scene), False,",
+        f"{UNIT}/test_worst_cases.py::test_on_the_exit",
     ),
     Mutant(
         "late vehicles that nobody gives way to",

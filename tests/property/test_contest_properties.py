@@ -14,8 +14,9 @@ from gameopt_im.core import duality, horizon
 from gameopt_im.core.horizon import HorizonRules, HorizonTask
 from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.core.planning import Stake
+from gameopt_im.core.snapshot import Bools
 from gameopt_im.solver import horizon_job, jobs
-from gameopt_im.solver.contest import Contest
+from gameopt_im.solver.contest import Contest, Solutions
 from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome
 from gameopt_im.solver.pool import Counts, Pool
 
@@ -23,21 +24,29 @@ RULES = HorizonRules(blocks=(0.5, 1.0, 2.0), trade_off=0.7, rear_gap=2.0, manner
 PLAY_MPS = 1e-3
 
 
+def cut(lanes: Sequence[int], longest: int) -> tuple[tuple[int, ...], Bools]:
+    """The lanes' platoons if none may be longer than this."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(horizon, "LONGEST", longest)
+        return horizon.platoons(lanes)
+
+
 @st.composite
 def contests(draw: st.DrawFn) -> list[HorizonJob]:
     """Candidates of one task: slots that differ here and there, delays that lie about as far apart as J does."""
-    counts = tuple(draw(st.lists(st.integers(1, 4), min_size=1, max_size=3)))
+    lanes = draw(st.lists(st.integers(1, 5), min_size=1, max_size=3))
     random = np.random.default_rng(draw(st.integers(0, 2**32)))
-    n = sum(counts)
-    s = np.concatenate([np.cumsum(random.uniform(12.0, 40.0, count)) for count in counts])
+    n = sum(lanes)
+    s = np.concatenate([np.cumsum(random.uniform(12.0, 40.0, lane)) for lane in lanes])
+    counts, trails = cut(lanes, draw(st.integers(1, 5)))
     top = random.uniform(12.0, 20.0, n)
     task = HorizonTask(
         counts=counts, s=s, v=top * random.uniform(0.3, 1.0, n), length=np.full(n, 5.0), a=random.uniform(1.0, 2.5, n),
         b=np.full(n, 4.5), top=top, line_cap=top * random.choice([0.6, 1.0], n), ps=random.uniform(0.8, 5.0, n),
         pv=random.uniform(0.5, 2.5, n), room=np.full((n, len(RULES.blocks)), NEVER),
-        trails=np.zeros(n, dtype=np.bool_),
+        trails=trails,
     )  # fmt: skip
-    slots = s / top + np.concatenate([np.cumsum(random.uniform(0.5, 3.0, count)) for count in counts])
+    slots = s / top + np.concatenate([np.cumsum(random.uniform(0.5, 3.0, lane)) for lane in lanes])
     spread = draw(st.sampled_from([0.0, 0.1, 3.0]))
     made = []
     for k in range(draw(st.integers(1, 6))):
@@ -129,3 +138,17 @@ def test_if_the_favourite_has_no_solution_the_others_are_tried() -> None:
 
 def test_nobody_to_plan_is_no_contest() -> None:
     assert outcome_of(Contest(0), []) == []
+
+
+def test_what_was_late_may_be_tried_again() -> None:
+    """Only that a platoon has no solution is remembered within a control cycle, not that none was found in time."""
+
+    async def known_after(candidate: HorizonJob, late: bool) -> Solutions:
+        known: Solutions = {}
+        async with Contest(0) as contest:
+            await contest._solved([candidate], known, asyncio.get_running_loop().time() - 1.0 if late else None)
+        return known
+
+    hopeless = job([float("nan"), 7.0], 10.0)
+    assert asyncio.run(known_after(hopeless, late=True)) == {}
+    assert list(asyncio.run(known_after(hopeless, late=False)).values()) == [None]

@@ -165,6 +165,14 @@ def test_a_vehicle_with_a_clearance_keeps_its_way_and_its_size(changes: dict[str
     assert vehicles.ingest_state(state(time_s=10.1, accepted=1, term=TERM, **changes), 10.1) == "changed"
 
 
+def test_so_does_one_that_was_offered_a_clearance_in_this_very_control_cycle() -> None:
+    vehicles = tracker()
+    vehicles.ingest_state(state(), 10.0)
+    vehicles.snapshot(100, 10.0)
+    vehicles.reserved = {"a"}
+    assert vehicles.ingest_state(state(time_s=10.1, length_m=12.0), 10.1) == "changed"
+
+
 def test_a_vehicle_without_a_clearance_may_change_its_movement_and_keeps_its_entry() -> None:
     vehicles = tracker()
     vehicles.ingest_bid(bid(assertiveness=4.0), 10.0)

@@ -84,7 +84,7 @@ def corridor(s: float, a: float, b: float, top: float, slot: float, line: float,
 
 class Bounds(NamedTuple):
     """l and u of every row of one candidate, (n, 4, H): corridor, speed, change, and the rear end behind the vehicle
-    ahead in the arrays, which the first of a lane does not follow: its row is in no program.
+    ahead in the arrays, which the first of a platoon does not follow: its row is in no program.
 
     `reference` (n, H) is the approach law's way, which they hold.
     """

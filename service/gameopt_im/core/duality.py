@@ -37,9 +37,9 @@ def _dual_value(
     """
     n, h = q.shape
     y, value, first = duals.copy(), 0.0, 0
-    for lane in range(counts.shape[0]):
+    for platoon in range(counts.shape[0]):
         y[first, 3] = 0.0
-        first += counts[lane]
+        first += counts[platoon]
     for i in range(n):
         for kind in range(4):
             for k in range(h):
@@ -53,7 +53,7 @@ def _dual_value(
         for k in range(h):
             r[k] = q[i, k] + y[i, 1, k] + y[i, 2, k] - (y[i, 2, k + 1] if k + 1 < h else 0.0)
             for j in range(k, h):
-                ahead = y[i + 1, 3, j] if i + 1 < n else 0.0  # 0 for the first of the next lane
+                ahead = y[i + 1, 3, j] if i + 1 < n else 0.0  # 0 for the first of the next platoon
                 r[k] += way[j, k] * (y[i, 0, j] + y[i, 3, j] - ahead)
         pivot = data[i, 0]
         for k in range(h):  # r'P^-1 r of a symmetric tridiagonal P, by elimination

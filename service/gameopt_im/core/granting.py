@@ -10,7 +10,7 @@ from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.followers import holds_up
 from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER, manner_of
-from gameopt_im.core.leading import Ahead, Scene, Ways, ahead_of, room_behind, ways_of
+from gameopt_im.core.leading import Room, Scene, Ways, ahead_of, room_behind, ways_of
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.profiles import drive, held_back
 from gameopt_im.core.reservations import Book, Reservation, Stack, clash
@@ -93,8 +93,10 @@ def crossing(
     interlock = parameters.interlock
     movement, footprint = int(snapshot.movement[i]), int(snapshot.footprint[i])
     target, ahead = slot, ahead_of(i, scene)
+    nominal = room_behind(ahead, False, scene.cycle, HORIZON, ways)
+    worst = room_behind(ahead, True, scene.cycle, HORIZON, ways)
     for _ in range(interlock.retries + 1):
-        driven = _driven(snapshot, ground, scene, ahead, ways, i, target, parameters)
+        driven = _driven(snapshot, ground, scene, nominal, worst, i, target, parameters)
         if driven is None:
             return None
         x, v, late_x, late_v, done = driven
@@ -122,13 +124,16 @@ def _driven(
     snapshot: Snapshot,
     ground: Ground,
     scene: Scene,
-    ahead: Ahead,
-    ways: Ways,
+    nominal: Room,
+    worst: Room,
     i: int,
     slot: float,
     parameters: Parameters,
 ) -> tuple[Floats, Floats, Floats, Floats, int] | None:
-    """(x, v, worst-case x, worst-case v, step clear in the worst case) of one crossing; None if it cannot be driven."""
+    """(x, v, worst-case x, worst-case v, step clear in the worst case) of one crossing; None if it cannot be driven.
+
+    `nominal` and `worst` are the room behind its leaders.
+    """
     movement = int(snapshot.movement[i])
     planner = parameters.planner
     turn = min(float(ground.turn_mps[movement]), NEVER)
@@ -148,19 +153,16 @@ def _driven(
         1.0 if slot == NO_SLOT else 0.0,
     )
     x, v, late_x, late_v = (np.empty(HORIZON) for _ in range(4))
-    nominal = drive(
-        -float(snapshot.s[i]), float(snapshot.v[i]), slot, body, way, manner_of(planner),
-        room_behind(ahead, False, scene.cycle, HORIZON, ways), x, v,
-    )  # fmt: skip
-    if nominal < 0:
+    done = drive(-float(snapshot.s[i]), float(snapshot.v[i]), slot, body, way, manner_of(planner), nominal, x, v)
+    if done < 0:
         return None
     late = held_back(
         x[0], v[0], v, 0, (body[0], body[1], body[2]), way[2], law_of(i, scene),
-        room_behind(ahead, True, scene.cycle, HORIZON, ways), late_x, late_v,
+        worst, late_x, late_v,
     )  # fmt: skip
     if late < 0:
         return None
-    return x, v, late_x, late_v, max(late, nominal)
+    return x, v, late_x, late_v, max(late, done)
 
 
 def intrusions(snapshot: Snapshot, limits: Limits) -> list[tuple[int, Reservation]]:

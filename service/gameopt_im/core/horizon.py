@@ -105,7 +105,7 @@ def way_matrix(blocks: tuple[float, ...]) -> Floats:
 
 @lru_cache(maxsize=512)
 def rows(n: int, blocks: tuple[float, ...]) -> Csc:
-    """A of a lane of n: corridor, speed and acceleration rows of every vehicle, then the rear-end rows."""
+    """A of a platoon of n: corridor, speed and acceleration rows of every vehicle, then the rear-end rows."""
     h = len(blocks)
     way = sp.csr_matrix(way_matrix(blocks) / np.cumsum(blocks)[:, None])
     change = sp.csr_matrix(np.eye(h) - np.eye(h, k=-1))
@@ -185,7 +185,7 @@ def build(task: HorizonTask, rules: HorizonRules, slot: Floats) -> list[Platoon]
 
 
 def in_rows(values: Floats) -> Floats:
-    """(m,) a lane's (n, 4, H) values in the order of `rows`."""
+    """(m,) a platoon's (n, 4, H) values in the order of `rows`."""
     return np.concatenate([*(values[:, kind].ravel() for kind in range(3)), values[1:, 3].ravel()])
 
 

@@ -151,7 +151,7 @@ def cruise_for(
     slowest: float,
     aim: float,
 ) -> tuple[float, float, float, float, float]:
-    """The plan that arrives at `time` when first braking at d: h by bisection (arrival falls as h grows)."""
+    """The plan that arrives at `time` when first braking at d: h from `cruise_guess`, or else by bisection."""
     high = max(peak_speed(s, v, a, top, line, turn_b), min(v, top))
     plan = plan_at(s, v, high, d, a, line, turn_b, aim)
     if plan[4] >= time:
@@ -169,7 +169,7 @@ def cruise_for(
             if 0.0 <= plan[4] <= time:
                 early = guess + CLOSE_MPS
                 before = plan_at(s, v, guess - CLOSE_MPS, d, a, line, turn_b, aim)
-                if before[4] < 0.0 or before[4] > time:
+                if before[4] > time:
                     return plan
     for _ in range(BISECTIONS):
         middle = 0.5 * (late + early)

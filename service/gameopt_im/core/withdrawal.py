@@ -32,7 +32,7 @@ def withdraw(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, int
     for i in np.flatnonzero(gives & rows.accepted[row] & ~able):
         book.withdraw(snapshot.ids[i], False)  # it kept it, since it could not stop, and drives it to its end
     near = _too_near(book, ground, snapshot.cycle, interlock)
-    waits = np.where(held, held_in(row, rows.withdrawn), limits.phase == UNCLEARED)
+    waits = np.where(held, held_in(row, rows.withdrawn), limits.phase == UNCLEARED)  # at the line
     if not near and not (held & (limits.leader >= 0) & waits[limits.leader]).any():
         return ()
     place = {vehicle: i for i, vehicle in enumerate(snapshot.ids)}
@@ -43,7 +43,7 @@ def withdraw(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, int
             if reservation.withdrawn or (reservation.clearance and able[place[vehicle]]):
                 asked.add(vehicle)
                 break
-    asked |= _stuck(snapshot, place, able, book, limits, asked)
+    asked |= _stuck(snapshot, place, able, book, limits, waits, asked)
     fresh = sorted(vehicle for vehicle in asked if not book.held[vehicle].withdrawn)
     for vehicle in fresh:
         book.withdraw(vehicle)
@@ -51,7 +51,7 @@ def withdraw(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, int
 
 
 def _stuck(
-    snapshot: Snapshot, place: dict[str, int], able: Bools, book: Book, limits: Limits, asked: set[str]
+    snapshot: Snapshot, place: dict[str, int], able: Bools, book: Book, limits: Limits, waits: Bools, asked: set[str]
 ) -> set[str]:
     """Cleared vehicles behind one that will wait at the line, and who can wait too, front to back."""
     stuck: set[str] = set()
@@ -60,9 +60,7 @@ def _stuck(
         if not book.held[vehicle].clearance or j < 0 or not able[place[vehicle]]:
             continue
         leader = snapshot.ids[j]
-        ahead = book.held.get(leader)
-        waits = ahead.withdrawn if ahead is not None else limits.phase[j] == UNCLEARED
-        if waits or leader in asked or leader in stuck:
+        if waits[j] or leader in asked or leader in stuck:
             stuck.add(vehicle)
     return stuck
 

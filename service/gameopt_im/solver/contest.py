@@ -42,9 +42,9 @@ class Contest:
 
     async def __aenter__(self) -> Self:
         """Start and warm up all workers, and what this process judges candidates with."""
-        await self._pool.start()
         job = horizon_job.warm_up()
         job.may_cost(np.zeros((len(job.slots), 4, len(job.rules.blocks))))
+        await self._pool.start()
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -69,17 +69,30 @@ class Contest:
     async def _solved(
         self, candidates: Sequence[HorizonJob], known: Solutions, deadline_s: float | None
     ) -> list[HorizonOutcome | None]:
-        """The outcomes of these; platoons whose slots were met before are `known` and not solved again."""
-        fresh: dict[tuple[int, bytes], PlatoonJob] = {}
+        """The outcomes of these; platoons that were `known` before are not solved again.
+
+        That a platoon has no solution is known only if none was late or lost: then another try may find it.
+        """
+        fresh: dict[Met, PlatoonJob] = {}
         for candidate in candidates:
-            if not known.keys() >= set(candidate.met()):
-                jobs_ = zip(candidate.met(), candidate.programs(), strict=True)
-                fresh |= {key: job for key, job in jobs_ if key not in known}
-        known.update(zip(fresh, await self._pool.solve(list(fresh.values()), deadline_s), strict=True))
-        return [candidate.joined([known[key] for key in candidate.met()]) for candidate in candidates]
+            met = candidate.met()
+            hopeless = any(key in known and known[key] is None for key in met)
+            missing = {key for key in met if key not in known and key not in fresh}
+            if missing and not hopeless:
+                fresh |= {key: job for key, job in zip(met, candidate.programs(), strict=True) if key in missing}
+        missed = self._missed()
+        solved = dict(zip(fresh, await self._pool.solve(list(fresh.values()), deadline_s), strict=True))
+        certain = self._missed() == missed
+        known.update({key: solution for key, solution in solved.items() if certain or solution is not None})
+        solved = known | solved
+        return [candidate.joined([solved.get(key) for key in candidate.met()]) for candidate in candidates]
+
+    def _missed(self) -> int:
+        return self.counts.late + self.counts.lost_workers
 
 
-Solutions: TypeAlias = dict[tuple[int, bytes], Solution | None]
+Met: TypeAlias = tuple[int, bytes]
+Solutions: TypeAlias = dict[Met, Solution | None]
 """The solutions of a control cycle's platoons, by their slots."""
 
 

@@ -58,11 +58,13 @@ class HorizonJob:
     start: Start | None = None
 
     def met(self) -> list[tuple[int, bytes]]:
-        """Each platoon and its slots: what its program depends on within one control cycle."""
+        """Each platoon, its slots and that of whom it trails: all that its program depends on in a control cycle."""
         ends = np.cumsum(self.task.counts)
+        firsts = ends - self.task.counts
+        firsts = firsts - self.task.trails[firsts]
         return [
-            (number, self.slots[end - count : end].tobytes())
-            for number, (count, end) in enumerate(zip(self.task.counts, ends, strict=True))
+            (number, self.slots[first:end].tobytes())
+            for number, (first, end) in enumerate(zip(firsts, ends, strict=True))
         ]
 
     def programs(self) -> list[PlatoonJob]:

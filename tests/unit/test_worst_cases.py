@@ -1,0 +1,50 @@
+"""In the worst case a follower stays behind where its leader is in its own, on a clearance and on the exit."""
+
+from __future__ import annotations
+
+import numpy as np
+from builders import ACROSS, GROUND, picture_of, snapshot
+
+from gameopt_im.core.profiles import STOP_PLAY_M
+from gameopt_im.core.reservations import Book, Reservation
+from gameopt_im.core.snapshot import Floats
+from gameopt_im.core.windows import HORIZON
+from gameopt_wire import motion
+from gameopt_wire.messages import STEP_S
+
+LENGTH_M, SPEED_MPS = 5.0, 15.0
+CLEAR_X = float(GROUND.clear[ACROSS]) + LENGTH_M
+"""Here the front of a car is when its rear stands clear."""
+
+
+def stays_behind(follower: Floats, leader: Floats) -> bool:
+    return bool((follower <= leader - LENGTH_M - motion.REAR_GAP_M + 2.0 * STOP_PLAY_M).all())
+
+
+def cleared(vehicle: str, x0: float) -> Reservation:
+    x = x0 + SPEED_MPS * STEP_S * np.arange(HORIZON)
+    v = np.full(HORIZON, SPEED_MPS)
+    return Reservation(
+        vehicle=vehicle, clearance=1, start=0, movement=ACROSS, footprint=0, lane=ACROSS, length=LENGTH_M, b=4.5,
+        x=x, v=v, late_x=x.copy(), late_v=v.copy(), done=HORIZON - 1, start_s=0.0, expires_s=0.5, accepted=True,
+    )  # fmt: skip
+
+
+def test_on_a_clearance() -> None:
+    """Both would drive on for ever; in the worst case the first has to stop where its sight ends."""
+    book = Book()
+    for vehicle, x0 in (("a", 5.0), ("b", -35.0)):
+        book.add(cleared(vehicle, x0))
+    picture_of(snapshot(s=[-5.0, 35.0], v=[SPEED_MPS] * 2, accepted=[1, 1], ids=("a", "b")), book)
+    first, second = (book.held[vehicle].late_x for vehicle in "ab")
+    assert first[-1] < first[0] + 0.9 * SPEED_MPS * STEP_S * HORIZON  # it has stopped
+    assert stays_behind(second, first)
+
+
+def test_on_the_exit() -> None:
+    book = Book()
+    made = picture_of(snapshot(s=[-CLEAR_X - 60.0, -CLEAR_X - 20.0], v=[SPEED_MPS] * 2, ids=("a", "b")), book)
+    assert made.scene.exiting.all()
+    first, second = book.rows.late_x[made.scene.way]
+    assert first[-1] < first[0] + 0.9 * SPEED_MPS * STEP_S * HORIZON
+    assert stays_behind(second, first)

@@ -12,7 +12,7 @@ from scipy.sparse import csc_matrix
 
 from gameopt_im.core import horizon
 from gameopt_im.core.corridor import SLACK_MPS, corridor, reference
-from gameopt_im.core.horizon import LONGEST, HorizonRules, HorizonTask, platoons
+from gameopt_im.core.horizon import LONGEST, HorizonRules, HorizonTask, Platoon, platoons
 from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.core.program import Sparse
 from gameopt_im.core.snapshot import Floats
@@ -56,7 +56,9 @@ class Built(NamedTuple):
 
 
 def built(task: HorizonTask = TASK, slots: Floats = SLOTS) -> Built:
-    lanes = [(each.program(BLOCKS), each.reference.ravel()) for each in horizon.build(task, RULES, slots)]
+    whole, ends = horizon.build(task, RULES, slots), np.cumsum(task.counts)
+    parts = [Platoon(*(part[end - m : end] for part in whole)) for m, end in zip(task.counts, ends, strict=True)]
+    lanes = [(each.program(BLOCKS), each.reference.ravel()) for each in parts]
     assert [len(reference) for _, reference in lanes] == [count * H for count in task.counts]
     P, A = (
         block_diag(*(dense(matrix) for matrix in one)) for one in zip(*((qp.P, qp.A) for qp, _ in lanes), strict=True)

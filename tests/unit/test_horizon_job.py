@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gameopt_im.core import horizon
 from gameopt_im.core.horizon import HorizonRules, HorizonTask
 from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome, PlatoonJob
@@ -43,9 +42,10 @@ def test_what_was_solved_before_leaves_no_trace() -> None:
 
 
 def test_a_program_without_a_solution_has_none() -> None:
-    platoon = horizon.build(TASK, RULES, SLOTS)[0]
-    crossed = platoon._replace(lower=platoon.upper + 1.0)
-    assert PlatoonJob(crossed, RULES.blocks, 1e-3, None).solve() is None
+    job = HorizonJob(TASK, RULES, SLOTS, 1e-3).programs()[0]
+    crossed = job.values.copy()
+    crossed[:, 5 + 3] = 1e6  # the first row's lower bound
+    assert PlatoonJob(crossed, RULES.blocks, 1e-3).solve() is None
 
 
 def test_a_start_near_the_end_leads_to_the_same_solution() -> None:

@@ -159,8 +159,8 @@ def bounds(task: HorizonTask, rules: HorizonRules, slot: Floats) -> Bounds:
 
 
 class Platoon(NamedTuple):
-    """The values of the program of m vehicles: P's data (m, 2 H - 1), q (m, H), l and u (m, 4, H); and the reference,
-    which they hold, as a warm start (m, H)."""
+    """The values of the program of m vehicles, or of several programs one after the other: P's data (m, 2 H - 1),
+    q (m, H), l and u (m, 4, H); and the reference, which they hold, as a warm start (m, H)."""
 
     cost: Floats
     q: Floats
@@ -176,12 +176,10 @@ class Platoon(NamedTuple):
         return QP(p, self.q.ravel(), rows(count, blocks), in_rows(self.lower), in_rows(self.upper))
 
 
-def build(task: HorizonTask, rules: HorizonRules, slot: Floats) -> list[Platoon]:
-    """The programs of one candidate: platoons share no row."""
+def build(task: HorizonTask, rules: HorizonRules, slot: Floats) -> Platoon:
+    """The programs of one candidate, one after the other: its platoons share no row."""
     given = bounds(task, rules, slot)
-    whole = Platoon(*cost(task, rules), given.lower, given.upper, given.reference)
-    ends = np.cumsum(task.counts)
-    return [Platoon(*(part[end - count : end] for part in whole)) for count, end in zip(task.counts, ends, strict=True)]
+    return Platoon(*cost(task, rules), given.lower, given.upper, given.reference)
 
 
 def in_rows(values: Floats) -> Floats:

@@ -17,6 +17,8 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any, NamedTuple
 
+from gameopt_im.garbage import BetweenCycles
+
 HEADER = struct.Struct(">Q")
 
 
@@ -88,8 +90,10 @@ def main(descriptor: int) -> None:
         try:
             solve, fault = run(prepare, _receive(connection))
             connection.sendall(frame(Ready(fault)))
-            while fault is None:
-                _serve(connection, solve, _receive(connection))
+            with BetweenCycles() as garbage:
+                while fault is None:
+                    _serve(connection, solve, _receive(connection))
+                    garbage.cycle_done()
         except (EOFError, ConnectionError):
             return
 

@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import statistics
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,11 +23,15 @@ OWN_FIELDS = ("run", "knob", "value", "manager_pid", "failed")
 
 
 class Figure(NamedTuple):
-    """Mean over seeds, half of its 95 % interval (None from one seed), and the number of seeds."""
+    """Mean over seeds, half of its 95 % interval (None from one seed), and the number of seeds that have the figure."""
 
     mean: float
     half: float | None
     seeds: int
+
+    def seeds_of(self, runs: int) -> str:
+        """`2 of 3` where not every run has the figure, else `3`."""
+        return f"{self.seeds}" if self.seeds == runs else f"{self.seeds} of {runs}"
 
 
 def gather(out: Path, settings: Settings) -> list[Entry]:
@@ -106,7 +110,10 @@ def whole(entries: Iterable[Entry], **having: Any) -> list[Entry]:
 
 def figure(entries: Sequence[Entry], path: str) -> Figure | None:
     """Mean and 95 % interval (Student's t) of a figure over runs that differ by their seed alone."""
-    values = [value for entry in entries if (value := at(entry, path)) is not None]
+    return _of_values([value for entry in entries if (value := at(entry, path)) is not None])
+
+
+def _of_values(values: Sequence[float]) -> Figure | None:
     if not values:
         return None
     half = None
@@ -117,16 +124,23 @@ def figure(entries: Sequence[Entry], path: str) -> Figure | None:
 
 def change(entries: Sequence[Entry], against: Sequence[Entry], path: str) -> Figure | None:
     """By how much a figure differs, seed by seed: 0.25 is a quarter more than `against`."""
+    return _of_values([mine / other - 1.0 for mine, other in _pairs(entries, against, path) if other])
+
+
+def difference(entries: Sequence[Entry], against: Sequence[Entry], path: str) -> Figure | None:
+    """How much more a figure is than under `against`, seed by seed, in its own unit."""
+    return _of_values([mine - other for mine, other in _pairs(entries, against, path)])
+
+
+def _pairs(entries: Sequence[Entry], against: Sequence[Entry], path: str) -> Iterable[tuple[float, float]]:
     others = {entry["seed"]: at(entry, path) for entry in against}
-    changes = []
     for entry in entries:
         mine, other = at(entry, path), others.get(entry["seed"])
-        if mine is not None and other:
-            changes.append({"failed": None, "change": mine / other - 1.0})
-    return figure(changes, "change")
+        if mine is not None and other is not None:
+            yield mine, other
 
 
-def collided(entries: Iterable[Entry], ours: Callable[[str], bool]) -> list[str]:
-    """Runs under our manager in which any count saw a collision or a teleport."""
+def collided(entries: Iterable[Entry]) -> list[Entry]:
+    """Runs, under whatever control, in which any count saw a collision or a teleport."""
     counts = ("safety.collisions_sumo", "safety.collisions_geometric", "safety.teleports")
-    return [e["run"] for e in whole(entries) if ours(e["method"]) and any(at(e, name) for name in counts)]
+    return [e for e in whole(entries) if any(at(e, name) for name in counts)]

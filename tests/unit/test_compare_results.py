@@ -21,6 +21,7 @@ from gameopt_sumo.compare.computation import Computation, Decision
 from gameopt_sumo.compare.page import Made, page
 from gameopt_sumo.compare.results import OWN_FIELDS, at, change, collided, figure, gather, whole, write
 from gameopt_sumo.compare.runs import Place, Run
+from gameopt_sumo.compare.settings import SettingsError
 from gameopt_sumo.compare.views import ablations, views
 
 NOW = datetime(2026, 1, 2, tzinfo=UTC)
@@ -52,6 +53,14 @@ def test_what_was_interrupted_or_is_of_another_schema_is_no_result(tmp_path: Pat
     put(tmp_path, run(seed=105), report())
     assert [entry["seed"] for entry in gather(tmp_path, SETTINGS)] == [105]
     assert [place.done(run(seed=seed)) for seed in range(101, 106)] == [False] * 4 + [True]
+
+
+@pytest.mark.parametrize("name", ["run.json", "manager.json", "failed.json"])
+def test_a_damaged_file_is_named(tmp_path: Path, name: str) -> None:
+    folder = put(tmp_path, run(), None if name == "failed.json" else report(), failed="bad luck")
+    (folder / name).write_text('{"rea')
+    with pytest.raises(SettingsError, match=rf"seed101/{name}: damaged"):
+        gather(tmp_path, SETTINGS)
 
 
 def test_a_failed_run_is_listed_and_in_no_mean(tmp_path: Path) -> None:
@@ -134,11 +143,12 @@ def page_of(out: Path, *runs: Run, **settings: Any) -> str:
 
 
 def test_the_page_says_where_lights_were_not_searched_for(tmp_path: Path) -> None:
-    lights = run("fixed"), run("actuated")
-    assert "Of fixed and actuated lights these are Webster's plans only" in page_of(tmp_path / "12", *lights)
-    assert "Of actuated lights these" in page_of(tmp_path / "16", *lights, tuning_budget=16)
+    lights = run("fixed", 4000.0), run("actuated", 4000.0)  # Webster has 13 plans for the one, 14 for the other
+    none = "lights these are Webster's plans only, no search"
+    assert f"Of fixed and actuated {none}" in page_of(tmp_path / "13", *lights, tuning_budget=13)
+    assert f"Of actuated {none}" in page_of(tmp_path / "14", *lights, tuning_budget=14)
     assert "Webster" not in page_of(tmp_path / "40", *lights, tuning_budget=40)
-    assert "plans tried" not in page_of(tmp_path / "none", run("coop"))
+    assert "plans tried" not in page_of(tmp_path / "no lights", run("coop"))
 
 
 def test_the_page_says_whether_arrivals_are_held_out(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import datetime
 
-from gameopt_sumo.baselines.search import starts
+from gameopt_sumo.baselines.plan import Kind
+from gameopt_sumo.baselines.search import feasible, starts
 from gameopt_sumo.compare.methods import known, named
 from gameopt_sumo.compare.results import Entry
 from gameopt_sumo.compare.settings import DEVELOPED_ON, FILE, Settings
@@ -30,7 +31,7 @@ def head(entries: Sequence[Entry], settings: Settings, ran: Sequence[str], date:
 {date:%Y-%m-%d}; {versions}
 
 {settings.duration_s:g} s simulated, the first {settings.warmup_s:g} s not measured. Geometry {settings.geometry} \
-unless a method fixes its own; turning speeds {turning}.{net} {_tuned(names, settings)}All settings: `{FILE}`; every \
+unless a method fixes its own; turning speeds {turning}.{net} {_tuned(entries, settings)}All settings: `{FILE}`; every \
 run: `results.json`, `results.csv`.
 
 {_seeds(entries, settings)}
@@ -49,22 +50,39 @@ def _about(name: str) -> str:
     return known()[base].about + (f", {geometry} geometry" if at_ else "")
 
 
-def _tuned(names: Sequence[str], settings: Settings) -> str:
+def _tuned(entries: Sequence[Entry], settings: Settings) -> str:
     """How the lights on the page were tuned; nothing where there are none."""
-    kinds = {method.control for name in names if (method := named(name)).plan is not None}
-    if not kinds:
+    demands = _demands(entries)
+    if not demands:
         return ""
     seeds = ", ".join(map(str, settings.tuning_seeds))
-    unsearched = [
-        kind
-        for kind in ("fixed", "actuated")
-        if kind in kinds and settings.tuning_budget <= len(starts(FourArm(), kind))
-    ]
-    without = f" Of {' and '.join(unsearched)} lights these are Webster's plans only, no search." if unsearched else ""
+    kinds = dict.fromkeys(kind for kind, demand in demands if settings.tuning_budget <= _starts(kind, demand))
+    without = f" Of {' and '.join(kinds)} lights these are Webster's plans only, no search." if kinds else ""
     return (
         f"Lights have the best of {settings.tuning_budget} plans tried for each demand on seeds {seeds}; all of them "
         f"are in `plans/`.{without} "
     )
+
+
+def _demands(entries: Sequence[Entry]) -> list[tuple[Kind, FourArm]]:
+    """What lights were tuned for."""
+    kinds: tuple[Kind, ...] = ("fixed", "actuated")
+    needed = {
+        (entry["flow_veh_h"], 1.0 if method.plan == "even" else entry["ratio"], method.control)
+        for entry in entries
+        if (method := named(entry["method"])).plan is not None
+    }
+    return [
+        (kind, FourArm(flow_veh_h=flow, ratio=ratio))
+        for kind in kinds
+        for flow, ratio, control in sorted(needed)
+        if control == kind
+    ]
+
+
+def _starts(kind: Kind, demand: FourArm) -> int:
+    """With how many plans of Webster's a search begins."""
+    return sum(map(feasible, set(starts(demand, kind))))
 
 
 def _seeds(entries: Sequence[Entry], settings: Settings) -> str:

@@ -8,16 +8,17 @@ import math
 import statistics
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 from scipy import stats
 
 from gameopt_sumo.baselines.report import Report
 from gameopt_sumo.compare.runs import FAILED, MANAGER, REPORT, RUN, Run, read_report
-from gameopt_sumo.compare.settings import Settings, write_whole
+from gameopt_sumo.compare.settings import Settings, SettingsError, write_whole
 
 Entry = dict[str, Any]
+_T = TypeVar("_T")
 OWN_FIELDS = ("run", "knob", "value", "manager_pid", "failed")
 """What an entry has beside the report: the run's folder, what was varied, the manager's process, why it failed."""
 
@@ -35,20 +36,30 @@ class Figure(NamedTuple):
 
 
 def gather(out: Path, settings: Settings) -> list[Entry]:
-    """Every run of the folder that went to its end or failed, in order; interrupted ones are not in it."""
+    """Every run of the folder that went to its end or failed, in order; interrupted ones are not in it.
+
+    Raises `SettingsError` that names a damaged file.
+    """
     found = []
     for path in sorted((out / "runs").glob(f"*/{RUN}")):
-        run = msgspec.json.decode(path.read_bytes(), type=Run)
+        run = _read(path, Run)
         report = read_report(path.with_name(REPORT), settings.duration_s)
         failure = path.with_name(FAILED)
         if report is not None:
             manager = path.with_name(MANAGER)
-            started = msgspec.json.decode(manager.read_bytes()) if manager.exists() else {}
+            started = _read(manager, dict[str, int]) if manager.exists() else {}
             found.append((run, _entry(run, report, started.get("manager_pid"), None)))
         elif failure.exists():
-            found.append((run, _entry(run, {}, None, msgspec.json.decode(failure.read_bytes())["reason"])))
+            found.append((run, _entry(run, {}, None, _read(failure, dict[str, str]).get("reason", "unknown"))))
     found.sort(key=lambda pair: _order(pair[0]))
     return [{name: entry.get(name) for name in (*Report.__struct_fields__, *OWN_FIELDS)} for _, entry in found]
+
+
+def _read(path: Path, kind: type[_T]) -> _T:
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=kind)
+    except (OSError, msgspec.DecodeError) as error:
+        raise SettingsError(f"{path}: damaged: {error}; remove its folder, and the run is made again") from None
 
 
 def _entry(run: Run, report: dict[str, Any], manager_pid: int | None, failed: str | None) -> Entry:

@@ -51,7 +51,8 @@ _PROBE_COLUMNS = (
 def page(entries: Sequence[Entry], settings: Settings, computation: Computation | None, made: Made) -> str:
     """The whole page, Markdown."""
     parts = [head(entries, settings, made.commands, made.date), _failed(entries, computation), _collided(entries)]
-    parts += [_claims(entries, ours, computation) for ours in OURS if whole(entries, method=ours)]
+    judged = [_claims(entries, ours, computation) for ours in OURS if whole(entries, method=ours)]
+    parts += [_RULES, *judged] if any(judged) else []
     parts += [_view(view, made.plots) for view in views(entries)]
     parts += [_ablation(flow, group, made.plots) for flow, group in ablations(entries).items()]
     if computation is not None:
@@ -96,25 +97,23 @@ def _claims(entries: Sequence[Entry], ours: str, computation: Computation | None
     shown = [_claim_table(title, rows) for title, rows in tables.items()]
     if ours == "coop-paper" and any(row.reason for rows in tables.values() for row in rows):
         shown.append(LITERAL)
-    return f"""## The paper's claims, and `{ours}`
-
-{_RULES}
-{_OTHER_GEOMETRY if ours == "coop" else ""}
-""" + "\n\n".join(shown)
+    about = [f"## The paper's claims, and `{ours}`"] + ([_OTHER_GEOMETRY] if ours == "coop" else [])
+    return "\n\n".join((*about, *shown))
 
 
-_RULES = f"""Changes are taken seed by seed. Against another method, a claim of *at least* is reproduced by the \
+_RULES = f"""## How claims are judged
+
+Changes are taken seed by seed. Against another method, a claim of *at least* is reproduced by the \
 claimed change or more; a claim of *around* also where what is left, ours over theirs, is within \
 {verdicts.NEAR:.0%} of what the claim leaves. *Unperturbed* is a change of at most {verdicts.FLAT:.0%}; what a method \
 itself loses or gains is reproduced within {verdicts.CLOSE:.0%} of it. *Not decided*: the 95 % interval contains the \
 threshold; from a single seed, without an interval, the mean alone decides. Ratio: what is left over what the claim \
 leaves (1.10 of a time: a tenth more than claimed). Waiting: vehicles upstream at the end, ours / theirs \
-(1:1 / 4:1). The labels are those of the paper's LaTeX source.
-"""
-_OTHER_GEOMETRY = """
-Our `stop-sign` reserves the whole box, as stop signs do; `coop` takes conflict areas. What the areas alone bring \
-shows beside `coop@box`.
-"""
+(1:1 / 4:1). The labels are those of the paper's LaTeX source."""
+_OTHER_GEOMETRY = (
+    "Our `stop-sign` reserves the whole box, as stop signs do; `coop` takes conflict areas. What the areas alone bring "
+    "shows beside `coop@box`."
+)
 
 
 def _claim_table(title: str, rows: Sequence[Row]) -> str:
@@ -132,7 +131,7 @@ def _claim_table(title: str, rows: Sequence[Row]) -> str:
     if lines:
         parts.append("\n".join((*head, *lines)))
     if why := claims.missed(rows):
-        listed = [f"- {reason}: {'; '.join(words)}." for reason, words in why.items()]
+        listed = [f"- {'; '.join(words)}: {reason}." for reason, words in why.items()]
         parts.append("Not reproduced, and why:\n\n" + "\n".join(listed))
     if lacking := "; ".join(f"{row.words}, {row.claimed}" for row in rows if row.verdict == verdicts.NO_DATA):
         parts.append(f"No data for: {lacking}.")

@@ -15,7 +15,7 @@ help:
 	@echo "make explore  the property tests on new random cases, many more of them"
 	@echo "make bench    how long decisions take, on recorded and on made-up traffic; ten minutes"
 	@echo "make figures  the measured tables of docs/results; takes hours"
-	@echo "make compare  every method on the same arrivals, two flows, one seed; five minutes; out/compare/report.md"
+	@echo "make compare  every method on the same arrivals, two flows, one seed; six minutes; out/compare/report.md"
 	@echo "make compare-full  all experiments of the paper, three seeds; takes hours, and goes on where it was"
 	@echo "make any-junction  other junctions against their own control; half an hour"
 
@@ -41,8 +41,8 @@ any-junction: .venv/installed
 	$(BIN)/python tests/load/any_junction.py
 
 compare: .venv/installed
-	$(COMPARE) --methods coop,coop-paper,coop-fifo,coop-v1,fixed,actuated,stop-sign,all-way-stop --flows 4000,10000 \
-		--seeds 1 --duration 120 --warmup 30 --tuning-budget 12 --jobs 2 --out out/compare
+	$(COMPARE) --methods coop,coop@box,coop-paper,coop-fifo,coop-v1,fixed,actuated,stop-sign,all-way-stop \
+		--flows 4000,10000 --seeds 1 --duration 120 --warmup 30 --tuning-budget 40 --jobs 2 --out out/compare
 
 # Ends with the worst that any experiment ended with; computation comes last and alone, for its times.
 compare-full: .venv/installed-dev
@@ -51,7 +51,8 @@ compare-full: .venv/installed-dev
 		case $$code in 0|1|4) ;; *) exit $$code;; esac; \
 		[ $$code -le $$worst ] || worst=$$code; \
 	done; \
-	$(COMPARE) --methods coop,coop-paper --flows 2000,6000,10000 --ignore-turn-speed --out out/compare-full-turning; \
+	$(COMPARE) --experiment flows --methods coop,coop-paper,fixed,actuated,stop-sign --ignore-turn-speed \
+		--out out/compare-full-turning; \
 	code=$$?; [ $$code -le $$worst ] || worst=$$code; exit $$worst
 
 figures: .venv/installed

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from gameopt_sumo.compare.runs import FAILED, MANAGER, REPORT, RUN, Place, Run
-from gameopt_sumo.compare.settings import Settings, versions
+from gameopt_sumo.compare.settings import Settings
+from gameopt_sumo.compare.sources import versions
 
 SETTINGS = Settings(versions=versions(), duration_s=40.0, warmup_s=10.0, tuning_budget=4)
 PID = 4711

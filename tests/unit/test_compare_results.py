@@ -7,8 +7,11 @@ import json
 import math
 import xml.etree.ElementTree as ET
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 from compared import PID, SETTINGS, put, report, run
 
@@ -17,7 +20,8 @@ from gameopt_sumo.compare import plots
 from gameopt_sumo.compare.computation import Computation, Decision
 from gameopt_sumo.compare.page import Made, page
 from gameopt_sumo.compare.results import OWN_FIELDS, at, change, collided, figure, gather, whole, write
-from gameopt_sumo.compare.runs import Place
+from gameopt_sumo.compare.runs import Place, Run
+from gameopt_sumo.compare.settings import SettingsError
 from gameopt_sumo.compare.views import ablations, views
 
 NOW = datetime(2026, 1, 2, tzinfo=UTC)
@@ -49,6 +53,14 @@ def test_what_was_interrupted_or_is_of_another_schema_is_no_result(tmp_path: Pat
     put(tmp_path, run(seed=105), report())
     assert [entry["seed"] for entry in gather(tmp_path, SETTINGS)] == [105]
     assert [place.done(run(seed=seed)) for seed in range(101, 106)] == [False] * 4 + [True]
+
+
+@pytest.mark.parametrize("name", ["run.json", "manager.json", "failed.json"])
+def test_a_damaged_file_is_named(tmp_path: Path, name: str) -> None:
+    folder = put(tmp_path, run(), None if name == "failed.json" else report(), failed="bad luck")
+    (folder / name).write_text('{"rea')
+    with pytest.raises(SettingsError, match=rf"seed101/{name}: damaged"):
+        gather(tmp_path, SETTINGS)
 
 
 def test_a_failed_run_is_listed_and_in_no_mean(tmp_path: Path) -> None:
@@ -104,10 +116,70 @@ def test_json_and_csv_say_the_same(tmp_path: Path) -> None:
     assert rows[2]["failed"] == "no lights"
 
 
-def test_collisions_count_under_our_manager_alone(tmp_path: Path) -> None:
-    for method in ("coop", "fixed"):
-        put(tmp_path, run(method), report(safety__collisions_geometric=1))
-    assert collided(gather(tmp_path, SETTINGS), lambda method: method == "coop") == ["coop-10000-ratio1-seed101"]
+def test_collisions_of_every_method_are_on_the_page(tmp_path: Path) -> None:
+    put(tmp_path, run("coop"), report())
+    put(tmp_path, run("fixed"), report(safety__collisions_geometric=2))
+    put(tmp_path, run("stop-sign"), report(safety__teleports=1))
+    entries = gather(tmp_path, SETTINGS)
+    assert [entry["method"] for entry in collided(entries)] == ["fixed", "stop-sign"]
+    text = page(entries, SETTINGS, None, Made([], NOW, ()))
+    assert "- `fixed-10000-ratio1-seed101`: 0 by SUMO, 2 by geometry; 0 teleports" in text
+    assert "`coop-10000-ratio1-seed101`" not in text
+
+
+def test_a_figure_that_not_every_seed_has_says_so(tmp_path: Path) -> None:
+    for seed, fuel in ((101, 10.0), (102, None), (103, 10.0)):
+        put(tmp_path, run(seed=seed), report(fuel_g=fuel))
+    text = page(gather(tmp_path, SETTINGS), SETTINGS, None, Made([], NOW, ()))
+    assert "| 10.0 ± 0.0 (2 of 3) |" in text
+    assert "12.00 ± 0.00 |" in text
+
+
+def page_of(out: Path, *runs: Run, **settings: Any) -> str:
+    for each in runs:
+        put(out, each, report())
+    made_with = msgspec.structs.replace(SETTINGS, **settings)
+    return page(gather(out, made_with), made_with, None, Made([], NOW, ()))
+
+
+def test_the_page_says_where_lights_were_not_searched_for(tmp_path: Path) -> None:
+    lights = run("fixed", 4000.0), run("actuated", 4000.0)  # Webster has 13 plans for the one, 14 for the other
+    none = "lights these are Webster's plans only, no search"
+    assert f"Of fixed and actuated {none}" in page_of(tmp_path / "13", *lights, tuning_budget=13)
+    assert f"Of actuated {none}" in page_of(tmp_path / "14", *lights, tuning_budget=14)
+    assert "Webster" not in page_of(tmp_path / "40", *lights, tuning_budget=40)
+    assert "plans tried" not in page_of(tmp_path / "no lights", run("coop"))
+
+
+def test_the_page_says_whether_arrivals_are_held_out(tmp_path: Path) -> None:
+    assert "Not held out" in page_of(tmp_path / "seen", run(seed=101), run(seed=301))
+    assert "The arrivals are held out" in page_of(tmp_path / "unseen", run(seed=301))
+
+
+def test_our_box_has_claims_of_its_own(tmp_path: Path) -> None:
+    text = page_of(tmp_path, run("coop"), run("coop@box"), run("stop-sign"))
+    assert "## The paper's claims, and `coop@box`" in text
+    assert "What the areas alone bring shows beside `coop@box`" in text
+    assert "- `coop@box`: the manager with the profile `default`, box geometry" in text
+
+
+def test_what_is_not_switched_off_alone_is_named(tmp_path: Path) -> None:
+    off = [run(f"ablation-{name}@areas") for name in ("programs", "waiting-upstream")]
+    assert "its difference from `ablation-programs`" in page_of(tmp_path / "both", run("coop@areas"), *off)
+    assert "its difference from" not in page_of(tmp_path / "one", run("coop@areas"), off[0])
+
+
+def test_shades_stay_apart_without_colour() -> None:
+    def lightness(shade: str) -> float:
+        """L* of CIELAB, 0 to 100."""
+        channels = (int(shade[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
+        red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels)
+        luminance = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+        return 116.0 * luminance ** (1.0 / 3.0) - 16.0 if luminance > 0.008856 else 903.3 * luminance
+
+    shades = sorted(map(lightness, plots._SHADES))
+    assert min(b - a for a, b in pairwise(shades)) > 5.0
+    assert shades[-1] < 70.0, "on white"
 
 
 def folder_of_everything(out: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from compared import SETTINGS, put, report, run
 from rich.console import Console
 
-from gameopt_sumo.compare import schedule
+from gameopt_sumo.compare import command, schedule
 from gameopt_sumo.compare.methods import named
 from gameopt_sumo.compare.plans import PLAN, needed, plan_file
 from gameopt_sumo.compare.processes import ProcessError, Processes, Stopped
@@ -116,3 +116,19 @@ def test_the_record_of_a_failure_goes_when_the_run_is_tried_again(tmp_path: Path
     assert entry["failed"] is None
     assert entry["duration_s"] == SETTINGS.duration_s
     assert json.loads((folder / "report.json").read_text())["method"] == "all-way-stop"
+
+
+def test_a_failed_computation_is_the_fault_of_who_asked_for_it(tmp_path: Path) -> None:
+    (tmp_path / "computation").mkdir()
+    (tmp_path / "computation" / "failed.json").write_text('{"bench.json": "no cores left"}')
+    place = Place(tmp_path, SETTINGS)
+    assert command._conclude(place, [], 0, computation_asked=True) == command.EXIT_FAILED
+    assert command._conclude(place, [], 0, computation_asked=False) == 0
+    assert "- computation, bench.json: no cores left" in (tmp_path / "report.md").read_text()
+
+
+def test_a_command_is_on_record_before_anything_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for words in (["compare", "--flows", "2000"], ["compare", "--flows", "4000"], ["compare", "--flows", "2000"]):
+        monkeypatch.setattr("sys.argv", ["/somewhere/gameopt-sumo", *words])
+        command._note_command(tmp_path)
+    assert command._commands(tmp_path) == [f"gameopt-sumo compare --flows {flow}" for flow in (2000, 4000)]

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from gameopt_sumo.cli import main
-from gameopt_sumo.compare.experiments import experiments, runs_of
+from gameopt_sumo.compare.experiments import check_seeds, experiments, runs_of
 from gameopt_sumo.compare.methods import MethodError, check_goes_with, known, named
 from gameopt_sumo.compare.plans import needed
-from gameopt_sumo.compare.settings import Settings, SettingsError, alone, claim, digest, versions
+from gameopt_sumo.compare.settings import TUNING_SEEDS, Settings, SettingsError, alone, claim, digest
+from gameopt_sumo.compare.sources import code_digest, folders, versions
 from gameopt_sumo.scenarios import FourArm, write_four_arm
 
 
 def settings(**different: Any) -> Settings:
-    usual: dict[str, Any] = {"duration_s": 40.0, "warmup_s": 10.0, "tuning_budget": 4}
-    return Settings(versions=versions(), **(usual | different))
+    usual: dict[str, Any] = {"versions": versions(), "duration_s": 40.0, "warmup_s": 10.0, "tuning_budget": 4}
+    return Settings(**(usual | different))
 
 
 @pytest.mark.parametrize(
@@ -29,7 +33,7 @@ def settings(**different: Any) -> Settings:
         ({"turn_speed": False}, "turn_speed true, not false"),
         ({"tuning_budget": 8}, "tuning_budget 4, not 8"),
         ({"report_schema": "gameopt-report/2"}, "report_schema"),
-        ({"sumo": "/elsewhere.sumocfg"}, "sumo null"),
+        ({"sumo": "/elsewhere.sumocfg", "sumo_digest": "0f"}, 'sumo_digest null, not "0f"'),
     ],
 )
 def test_a_folder_of_other_settings_is_refused_in_one_line(
@@ -57,6 +61,45 @@ def test_a_folder_of_other_versions_is_refused(tmp_path: Path) -> None:
         claim(tmp_path, settings())
 
 
+def test_a_folder_of_other_code_is_refused(tmp_path: Path) -> None:
+    (ours,) = (folder for folder in folders() if folder.name == "gameopt_sumo")
+    copy = tmp_path / ours.name
+    shutil.copytree(ours, copy, ignore=shutil.ignore_patterns("__pycache__"))
+
+    def of_copy() -> Settings:
+        return settings(versions=versions() | {"code": code_digest([copy])})
+
+    claim(tmp_path / "out", of_copy())
+    (copy / "compare" / "page.py").write_text("# the page reads runs, it shapes none\n")
+    claim(tmp_path / "out", of_copy())
+    method = copy / "compare" / "methods" / "ablation-hold.toml"
+    method.write_bytes(method.read_bytes().replace(b"hold_weight = 0.0", b"hold_weight = 0.1"))
+    with pytest.raises(SettingsError, match=r'versions\.code "[0-9a-f]{16}", not "[0-9a-f]{16}"; choose another'):
+        claim(tmp_path / "out", of_copy())
+
+
+def test_all_packages_are_digested_and_none_is_imported() -> None:
+    assert {folder.name for folder in folders()} == {"gameopt_wire", "gameopt_im", "gameopt_vehicles", "gameopt_sumo"}
+    code = (
+        "import sys; from gameopt_sumo.compare.sources import versions; versions(); print('gameopt_im' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+
+
+def test_what_one_experiment_needs_may_be_installed_later(tmp_path: Path) -> None:
+    without = {name: version for name, version in versions().items() if name != "pyscipopt"}
+    claim(tmp_path, settings(versions=without))
+    claim(tmp_path, settings(versions=without | {"pyscipopt": "6.0"}))
+    claim(tmp_path, settings(versions=without))
+    with pytest.raises(SettingsError, match=r'versions\.pyscipopt "6\.0", not "5\.5"'):
+        claim(tmp_path, settings(versions=without | {"pyscipopt": "5.5"}))
+
+
+def test_a_scenario_may_be_moved(tmp_path: Path) -> None:
+    claim(tmp_path, settings(sumo="/here/x.sumocfg", sumo_digest="0f"))
+    claim(tmp_path, settings(sumo="/there/x.sumocfg", sumo_digest="0f"))
+
+
 def test_results_of_unknown_settings_are_not_added_to(tmp_path: Path) -> None:
     (tmp_path / "results.json").write_text("[]")
     with pytest.raises(SettingsError, match=r"has results\.json but no settings\.json"):
@@ -68,6 +111,17 @@ def test_one_comparison_at_a_time(tmp_path: Path) -> None:
         pass
     with alone(tmp_path):
         pass
+
+
+def test_settings_are_claimed_by_who_is_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "out"
+    monkeypatch.setattr(
+        "sys.argv", ["gameopt-sumo", "compare", "--methods", "coop", "--flows", "2000", "--out", str(out)]
+    )
+    with alone(out), pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert not (out / "settings.json").exists()
 
 
 def test_every_configuration_is_a_method_that_says_what_it_is() -> None:
@@ -88,6 +142,18 @@ def test_held_lights_have_the_plan_of_balanced_inflow() -> None:
     (run,) = (run for run in runs_of(experiments()["unbalanced"], [named("fixed")], 1, False) if run.ratio == 4.0)
     assert needed(run, named("fixed")).ratio == 4.0
     assert needed(run, named("fixed-held")).ratio == 1.0
+
+
+def test_seeds_begin_where_they_are_told_to() -> None:
+    runs = runs_of(experiments()["drift"], [named("coop")], 2, False, first_seed=301)
+    assert {run.seed for run in runs} == {301, 302}
+
+
+def test_lights_are_not_measured_on_what_they_are_tuned_on() -> None:
+    with pytest.raises(MethodError, match="fixed is tuned on seed 201"):
+        check_seeds(199, 3, [named("coop"), named("fixed")])
+    check_seeds(199, 2, [named("fixed")])
+    check_seeds(TUNING_SEEDS[0], 1, [named("coop")])
 
 
 def test_lights_that_need_tuning_are_refused_on_a_foreign_net() -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 EXIT_FAILED = 1
 EXIT_COLLIDED = 4
+COMMANDS = "commands.txt"
 EXPERIMENTS = ("flows", "unbalanced", "preferences", "ablation", "computation", "drift")
 _EPILOG = (
     "A folder is added to: what is whole in it is not run again, and results of other settings are refused. "
@@ -56,7 +57,9 @@ _NUMBERS = _listed(_finite, "numbers")
 @click.option("--flows", callback=_NUMBERS, metavar="VEH_H,...", help="Total flows, veh/h.")
 @click.option("--ratios", callback=_NUMBERS, metavar="R,...", show_default="1",
               help="Flow of W and E over that of N and S.")  # fmt: skip
-@click.option("--seeds", type=click.IntRange(1, 99), default=3, metavar="N", help="N seeds: 101, 102, ...")
+@click.option("--seeds", type=click.IntRange(1, 99), default=3, metavar="N", help="N seeds, one after the other.")
+@click.option("--first-seed", type=click.IntRange(0, 2**31 - 100), default=101, metavar="N",
+              help="The first; the defaults were chosen on 101 to 110, lights are tuned on 201 and 202.")  # fmt: skip
 @click.option("--duration", "duration_s", type=click.FloatRange(1.0, 86400.0), default=360.0, metavar="S",
               help="Simulated seconds, warm-up included.")  # fmt: skip
 @click.option("--warmup", "warmup_s", type=click.FloatRange(0.0), default=60.0, metavar="S",
@@ -84,7 +87,7 @@ def compare(**options: Any) -> int:
         raise click.ClickException(str(error)) from None
 
 
-def _compare(out: Path, jobs: int | None, seeds: int, sumo: Path | None, **options: Any) -> int:
+def _compare(out: Path, jobs: int | None, sumo: Path | None, **options: Any) -> int:
     from rich.console import Console
 
     from gameopt_sumo.compare import computation, schedule
@@ -92,12 +95,13 @@ def _compare(out: Path, jobs: int | None, seeds: int, sumo: Path | None, **optio
     from gameopt_sumo.compare.runs import Place
     from gameopt_sumo.compare.settings import alone, claim
 
-    experiment, runs = _runs(sumo, seeds, **options)
+    experiment, runs = _runs(sumo, **options)
     settings = _settings(sumo, **options)
-    claim(out, settings)
     console, processes = Console(stderr=True), Processes(apart=True)
     place = Place(out, settings)
     with alone(out):
+        claim(out, settings)
+        _note_command(out)
         try:
             with schedule.interruptible(processes):
                 run_now = schedule.carry_out(place, runs, jobs or max(1, cores() // 2), processes, console)
@@ -107,20 +111,21 @@ def _compare(out: Path, jobs: int | None, seeds: int, sumo: Path | None, **optio
             whole = sum(map(place.done, runs))
             click.echo(f"interrupted: {whole} of {len(runs)} runs are whole; the same command goes on", err=True)
             raise
-        return _conclude(place, runs, run_now)
+        return _conclude(place, runs, run_now, experiment.computation)
 
 
 def _runs(
     sumo: Path | None,
-    seeds: int,
     *,
+    seeds: int,
+    first_seed: int,
     experiment: str | None,
     methods: tuple[str, ...] | None,
     flows: tuple[float, ...] | None,
     ratios: tuple[float, ...] | None,
     **_: Any,
 ) -> tuple[Experiment, list[Run]]:
-    from gameopt_sumo.compare.experiments import Experiment, check_knobs, experiments, runs_of
+    from gameopt_sumo.compare.experiments import Experiment, check_knobs, check_seeds, experiments, runs_of
     from gameopt_sumo.compare.methods import check_goes_with, named
     from gameopt_sumo.scenarios import FourArm
 
@@ -139,10 +144,11 @@ def _runs(
     for method in with_names:
         check_goes_with(method, sumo)
     check_knobs(chosen, with_names, sumo is not None)
+    check_seeds(first_seed, seeds, with_names)
     for flow in chosen.flows_veh_h:
         for ratio in chosen.ratios:
             FourArm(flow_veh_h=flow, ratio=ratio)  # refuses what is not allowed
-    return chosen, runs_of(chosen, with_names, seeds, sumo is not None)
+    return chosen, runs_of(chosen, with_names, seeds, sumo is not None, first_seed)
 
 
 def _settings(
@@ -156,7 +162,8 @@ def _settings(
     geometry: Any,
     **_: Any,
 ) -> Any:
-    from gameopt_sumo.compare.settings import Settings, digest, versions
+    from gameopt_sumo.compare.settings import Settings, digest
+    from gameopt_sumo.compare.sources import versions
     from gameopt_sumo.network import read_map
     from gameopt_sumo.run_files import net_file_of
 
@@ -179,8 +186,8 @@ def _settings(
     )
 
 
-def _conclude(place: Place, runs: list[Run], run_now: int) -> int:
-    """Write everything that can be read off the folder; the exit code of the runs asked for."""
+def _conclude(place: Place, runs: list[Run], run_now: int, computation_asked: bool) -> int:
+    """Write everything that can be read off the folder; the exit code of what was asked for."""
     from gameopt_sumo.compare import computation, page, plots, results
     from gameopt_sumo.compare.methods import named
     from gameopt_sumo.compare.settings import write_whole
@@ -194,20 +201,25 @@ def _conclude(place: Place, runs: list[Run], run_now: int) -> int:
     asked = {run.name for run in runs}
     mine = [entry for entry in entries if entry["run"] in asked]
     failed = [entry["run"] for entry in mine if entry["failed"] is not None]
-    collided = results.collided(mine, lambda name: named(name).ours)
+    collided = [entry["run"] for entry in results.collided(mine) if named(entry["method"]).ours]
     click.echo(f"{len(runs)} runs, {len(runs) - run_now} of them were there; {out / 'report.md'}")
     if failed:
         click.echo(f"failed: {', '.join(failed)}", err=True)
     if collided:
         click.echo(f"vehicles collided: {', '.join(collided)}", err=True)
         return EXIT_COLLIDED
-    return EXIT_FAILED if failed or (computed is not None and computed.failed) else 0
+    return EXIT_FAILED if failed or (computation_asked and computed is not None and computed.failed) else 0
+
+
+def _note_command(out: Path) -> None:
+    """Keep this command line beside those that have added to the folder, unless it is there; before anything runs."""
+    from gameopt_sumo.compare.settings import write_whole
+
+    commands = dict.fromkeys((*_commands(out), shlex.join(["gameopt-sumo", *sys.argv[1:]])))
+    write_whole(out / COMMANDS, ("\n".join(commands) + "\n").encode())
 
 
 def _commands(out: Path) -> list[str]:
-    """The command lines that have added to the folder, this one the last of them unless it is there."""
-    file = out / "commands.txt"
-    before = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    commands = list(dict.fromkeys((*before, shlex.join(["gameopt-sumo", *sys.argv[1:]]))))
-    file.write_text("\n".join(commands) + "\n", encoding="utf-8")
-    return commands
+    """The command lines that have added to the folder."""
+    file = out / COMMANDS
+    return file.read_text(encoding="utf-8").splitlines() if file.exists() else []

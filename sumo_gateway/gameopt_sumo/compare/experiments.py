@@ -8,11 +8,12 @@ from types import MappingProxyType
 
 from gameopt_sumo.compare.methods import Method, MethodError, known
 from gameopt_sumo.compare.runs import KNOBS, Run
+from gameopt_sumo.compare.settings import TUNING_SEEDS
 from gameopt_sumo.compare.views import ABLATION
 
 FIRST_SEED = 101
-"""`--seeds 3` are 101, 102 and 103; lights are tuned on others."""
-_EVERY = ("coop", "coop-paper", "coop-fifo", "coop-v1", "fixed", "actuated", "stop-sign", "all-way-stop")
+"""`--seeds 3` are 101, 102 and 103; lights are tuned on others, and so is `coop` with `--first-seed 301`."""
+_EVERY = ("coop", "coop@box", "coop-paper", "coop-fifo", "coop-v1", "fixed", "actuated", "stop-sign", "all-way-stop")
 _QUARTERS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
@@ -51,14 +52,16 @@ def experiments() -> dict[str, Experiment]:
     }
 
 
-def runs_of(experiment: Experiment, methods: Sequence[Method], seeds: int, own_net: bool) -> list[Run]:
+def runs_of(
+    experiment: Experiment, methods: Sequence[Method], seeds: int, own_net: bool, first_seed: int = FIRST_SEED
+) -> list[Run]:
     """Every run, seed by seed, so that whatever is interrupted has something of everything."""
     demands: list[tuple[float | None, float | None]] = [(None, None)]
     if not own_net:
         demands = [(flow, ratio) for ratio in experiment.ratios for flow in experiment.flows_veh_h]
     runs = [
         Run(method=method.name, flow_veh_h=flow, ratio=ratio, seed=seed, knob=knob, value=value)
-        for seed in range(FIRST_SEED, FIRST_SEED + seeds)
+        for seed in range(first_seed, first_seed + seeds)
         for flow, ratio in demands
         for knob, value in _settings(experiment.knobs)
         for method in methods
@@ -75,6 +78,16 @@ def check_knobs(experiment: Experiment, methods: Sequence[Method], own_net: bool
                 raise MethodError(f"{method.name} has no {knob} to vary; allowed: coop, coop-paper")
         if own_net and knob in ("trucks", "aggressiveness"):
             raise MethodError(f"the arrivals of --sumo are its own: {knob} cannot be varied")
+
+
+def check_seeds(first_seed: int, seeds: int, methods: Sequence[Method]) -> None:
+    """Refuse to measure lights on the arrivals that they are tuned on. Raises `MethodError`."""
+    seen = set(range(first_seed, first_seed + seeds)) & set(TUNING_SEEDS)
+    tuned = [method.name for method in methods if method.plan is not None]
+    if seen and tuned:
+        raise MethodError(
+            f"{tuned[0]} is tuned on seed {min(seen)}; allowed: seeds without {', '.join(map(str, TUNING_SEEDS))}"
+        )
 
 
 def _settings(knobs: Mapping[str, tuple[float, ...]]) -> Iterator[tuple[str | None, float | None]]:

@@ -6,16 +6,17 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import NamedTuple
 
-from gameopt_sumo.compare import claims
+from gameopt_sumo.compare import claims, verdicts
 from gameopt_sumo.compare.claims import Row
 from gameopt_sumo.compare.computation import Computation, Joint
-from gameopt_sumo.compare.methods import known
 from gameopt_sumo.compare.plots import FOLDER
-from gameopt_sumo.compare.results import Entry, at, figure, whole
-from gameopt_sumo.compare.settings import FILE, Settings
-from gameopt_sumo.compare.views import EVEN, View, ablations, in_order, views
+from gameopt_sumo.compare.preface import head
+from gameopt_sumo.compare.reasons import LITERAL
+from gameopt_sumo.compare.results import Entry, at, collided, figure, whole
+from gameopt_sumo.compare.settings import Settings
+from gameopt_sumo.compare.views import EVEN, View, ablations, views
 
-OURS = ("coop", "coop-paper")
+OURS = ("coop", "coop@box", "coop-paper")
 """Measured against the paper's claims."""
 
 
@@ -49,41 +50,14 @@ _PROBE_COLUMNS = (
 
 def page(entries: Sequence[Entry], settings: Settings, computation: Computation | None, made: Made) -> str:
     """The whole page, Markdown."""
-    parts = [_head(entries, settings, made), _failed(entries, computation)]
-    parts += [_claims(entries, ours, computation) for ours in OURS if whole(entries, method=ours)]
+    parts = [head(entries, settings, made.commands, made.date), _failed(entries, computation), _collided(entries)]
+    judged = [_claims(entries, ours, computation) for ours in OURS if whole(entries, method=ours)]
+    parts += [_RULES, *judged] if any(judged) else []
     parts += [_view(view, made.plots) for view in views(entries)]
     parts += [_ablation(flow, group, made.plots) for flow, group in ablations(entries).items()]
     if computation is not None:
         parts.append(_computation(computation, made.plots))
     return "\n\n".join(part for part in parts if part) + "\n"
-
-
-def _head(entries: Sequence[Entry], settings: Settings, made: Made) -> str:
-    names = in_order({entry["method"] for entry in entries})
-    about = "\n".join(f"- `{name}`: {known()[name.partition('@')[0]].about}" for name in names)
-    versions = ", ".join(f"{name} {version}" for name, version in settings.versions.items())
-    turning = "respected" if settings.turn_speed else "ignored by our methods, respected by SUMO's own drivers"
-    net = "" if settings.sumo is None else f" Net and arrivals: {settings.sumo}."
-    commands = "\n".join(made.commands)
-    return f"""# Comparison
-
-```
-{commands}
-```
-
-{made.date:%Y-%m-%d}; {versions}
-
-{settings.duration_s:g} s simulated, the first {settings.warmup_s:g} s not measured. Geometry {settings.geometry} \
-unless a method fixes its own; turning speeds {turning}.{net} Lights are tuned with \
-{settings.tuning_budget} plans tried for each demand on seeds {", ".join(map(str, settings.tuning_seeds))}; the \
-searches are in `plans/`. All settings: `{FILE}`; every run: `results.json`, `results.csv`.
-
-Figures are means over the seeds, ± half of the 95 % interval (Student's t; none from a single seed). \
-Time-to-goal begins at the control zone: what a vehicle waits upstream of it is not in it, so read every time beside \
-the vehicles left waiting upstream at the end. Means are over vehicles that crossed in the measuring window: those \
-still in the zone at its end, the slowest among them, are left out, and the more so the shorter the window.
-
-{about}"""
 
 
 def _failed(entries: Sequence[Entry], computation: Computation | None) -> str:
@@ -92,6 +66,17 @@ def _failed(entries: Sequence[Entry], computation: Computation | None) -> str:
         f"- computation, {name}: {reason}" for name, reason in (computation.failed if computation else {}).items()
     ]
     return "## Failed\n\nIn no mean below:\n\n" + "\n".join(lines) if lines else ""
+
+
+def _collided(entries: Sequence[Entry]) -> str:
+    """Every run with a collision, whoever's it is: it stays in the means, so the reader has to know."""
+    lines = []
+    for entry in collided(entries):
+        counts = (
+            at(entry, f"safety.{name}") or 0.0 for name in ("collisions_sumo", "collisions_geometric", "teleports")
+        )
+        lines.append("- `{}`: {:.0f} by SUMO, {:.0f} by geometry; {:.0f} teleports".format(entry["run"], *counts))
+    return "## Runs with collisions\n\nThey are in the means below:\n\n" + "\n".join(lines) if lines else ""
 
 
 def _claims(entries: Sequence[Entry], ours: str, computation: Computation | None) -> str:
@@ -109,33 +94,48 @@ def _claims(entries: Sequence[Entry], ours: str, computation: Computation | None
     for flow in sorted(uneven) or [claims.UNBALANCED_FLOW_VEH_H]:
         tables[f"Unbalanced inflow at {flow:,.0f} veh/h"] = claims.unbalanced(entries, ours, flow)
     tables["Computation"] = claims.decisions(entries, ours, computation)
-    why = claims.reasons([row for rows in tables.values() for row in rows], ours == "coop-paper")
     shown = [_claim_table(title, rows) for title, rows in tables.items()]
-    if why:
-        shown.append("### What is not reproduced, and why\n\n" + "\n".join(f"- {reason}" for reason in why))
-    return f"""## The paper's claims, and `{ours}`
+    if ours == "coop-paper" and any(row.reason for rows in tables.values() for row in rows):
+        shown.append(LITERAL)
+    about = [f"## The paper's claims, and `{ours}`"] + ([_OTHER_GEOMETRY] if ours == "coop" else [])
+    return "\n\n".join((*about, *shown))
 
-Changes are taken seed by seed. Ratio: measured over claimed. Against another method a claim is *reproduced* by \
-{claims.NEAR:.0%} of the claimed change or more; *unperturbed* is a change of at most {claims.FLAT:.0%}; what a \
-method itself loses or gains is reproduced within {claims.CLOSE:.0%} of it. Waiting: vehicles upstream at the end, \
-ours / theirs (1:1 / 4:1). \
-The labels are those of the paper's LaTeX source.
 
-""" + "\n\n".join(shown)
+_RULES = f"""## How claims are judged
+
+Changes are taken seed by seed. Against another method, a claim of *at least* is reproduced by the \
+claimed change or more; a claim of *around* also where what is left, ours over theirs, is within \
+{verdicts.NEAR:.0%} of what the claim leaves. *Unperturbed* is a change of at most {verdicts.FLAT:.0%}; what a method \
+itself loses or gains is reproduced within {verdicts.CLOSE:.0%} of it. *Not decided*: the 95 % interval contains the \
+threshold; from a single seed, without an interval, the mean alone decides. Ratio: what is left over what the claim \
+leaves (1.10 of a time: a tenth more than claimed). Waiting: vehicles upstream at the end, ours / theirs \
+(1:1 / 4:1). The labels are those of the paper's LaTeX source."""
+_OTHER_GEOMETRY = (
+    "Our `stop-sign` reserves the whole box, as stop signs do; `coop` takes conflict areas. What the areas alone bring "
+    "shows beside `coop@box`."
+)
 
 
 def _claim_table(title: str, rows: Sequence[Row]) -> str:
-    """The claims there are data for, and below them, in one line, those there are none for."""
-    lacking = "; ".join(f"{row.words}, {row.claimed}" for row in rows if row.verdict == claims.NO_DATA)
-    cells = (
-        (f"{r.words} (`{r.label}`)", r.claimed, r.measured, r.ratio, r.waiting, r.verdict)
+    """The claims there are data for; below them why some were not reproduced, and which there are no data for."""
+    lines = [
+        f"| {r.words} (`{r.label}`) | {r.claimed} | {r.measured} | {r.ratio} | {r.seeds} | {r.waiting} | {r.verdict} |"
         for r in rows
-        if r.verdict != claims.NO_DATA
-    )
-    lines = [f"| {' | '.join(row)} |" for row in cells]
-    head = ["| claim | paper | measured | ratio | waiting | verdict |", "| --- | ---: | ---: | ---: | ---: | --- |"]
-    table = "\n\n" + "\n".join((*head, *lines)) if lines else ""
-    return f"### {title}{table}" + (f"\n\nNo data for: {lacking}." if lacking else "")
+        if r.verdict != verdicts.NO_DATA
+    ]
+    head = [
+        "| claim | paper | measured | ratio | seeds | waiting | verdict |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | --- |",
+    ]
+    parts = [f"### {title}"]
+    if lines:
+        parts.append("\n".join((*head, *lines)))
+    if why := claims.missed(rows):
+        listed = [f"- {'; '.join(words)}: {reason}." for reason, words in why.items()]
+        parts.append("Not reproduced, and why:\n\n" + "\n".join(listed))
+    if lacking := "; ".join(f"{row.words}, {row.claimed}" for row in rows if row.verdict == verdicts.NO_DATA):
+        parts.append(f"No data for: {lacking}.")
+    return "\n\n".join(parts)
 
 
 def _view(view: View, plots: Sequence[str]) -> str:
@@ -183,15 +183,24 @@ def _cell(runs: Sequence[Entry], path: str, digits: int) -> str:
         return "-"
     scale, digits = (1000.0, 2) if digits < 0 else (1.0, digits)
     half = "" if found.half is None else f" ± {found.half / scale:.{digits}f}"
-    return f"{found.mean / scale:.{digits}f}{half}"
+    seeds = "" if found.seeds == len(runs) else f" ({found.seeds_of(len(runs))})"
+    return f"{found.mean / scale:.{digits}f}{half}{seeds}"
 
 
 def _ablation(flow: float, group: dict[str, list[Entry]], plots: Sequence[str]) -> str:
     lines = [_line(f"{flow:g}", name, runs, _COLUMNS) for name, runs in group.items() if runs]
     name = f"ablation-{flow:g}"
     shown = f"\n\n- [throughput and time-to-goal]({FOLDER}/{name}.png)" if name in plots else ""
-    title = f"## Each idea switched off alone, at {flow:,.0f} veh/h"
-    return f"{title}\n\n{_header('demand, veh/h', _COLUMNS)}\n" + "\n".join(lines) + shown
+    title = f"## Ideas switched off one by one, at {flow:,.0f} veh/h"
+    both = f"\n\n{_NOT_ALONE}" if any(name.startswith(_UPSTREAM_OFF) for name in group) else ""
+    return f"{title}{both}\n\n{_header('demand, veh/h', _COLUMNS)}\n" + "\n".join(lines) + shown
+
+
+_UPSTREAM_OFF = "ablation-waiting-upstream"
+_NOT_ALONE = (
+    f"`{_UPSTREAM_OFF}` switches the programs off as well, which spread the waiting: what waiting upstream brings is "
+    "its difference from `ablation-programs`, not from `coop`."
+)
 
 
 def _computation(computation: Computation, plots: Sequence[str]) -> str:

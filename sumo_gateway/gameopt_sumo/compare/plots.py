@@ -13,8 +13,8 @@ from gameopt_sumo.compare.views import Metric, View, ablations, in_order, views
 FOLDER = "plots"
 _MARKERS = "osD^vPX<>*hd"
 _LINES = ("-", "--", "-.", ":")
-_SHADES = ("#000000", "#0a5c9e", "#b3541e", "#6b6b6b", "#1b7f4d", "#8a3b8f", "#a08000")
-"""Dark enough for white paper, of different lightness."""
+_SHADES = ("#000000", "#0098c8", "#8c2d04", "#9a6a15", "#08306b", "#5cb87a", "#606060")
+"""Dark enough for white paper; of different lightness, so that they stay apart where there is no colour."""
 
 
 def draw(out: Path, entries: Sequence[Entry], computation: Computation | None) -> list[str]:

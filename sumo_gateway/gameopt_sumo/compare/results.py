@@ -6,45 +6,60 @@ import csv
 import io
 import math
 import statistics
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 from scipy import stats
 
 from gameopt_sumo.baselines.report import Report
 from gameopt_sumo.compare.runs import FAILED, MANAGER, REPORT, RUN, Run, read_report
-from gameopt_sumo.compare.settings import Settings, write_whole
+from gameopt_sumo.compare.settings import Settings, SettingsError, write_whole
 
 Entry = dict[str, Any]
+_T = TypeVar("_T")
 OWN_FIELDS = ("run", "knob", "value", "manager_pid", "failed")
 """What an entry has beside the report: the run's folder, what was varied, the manager's process, why it failed."""
 
 
 class Figure(NamedTuple):
-    """Mean over seeds, half of its 95 % interval (None from one seed), and the number of seeds."""
+    """Mean over seeds, half of its 95 % interval (None from one seed), and the number of seeds that have the figure."""
 
     mean: float
     half: float | None
     seeds: int
 
+    def seeds_of(self, runs: int) -> str:
+        """`2 of 3` where not every run has the figure, else `3`."""
+        return f"{self.seeds}" if self.seeds == runs else f"{self.seeds} of {runs}"
+
 
 def gather(out: Path, settings: Settings) -> list[Entry]:
-    """Every run of the folder that went to its end or failed, in order; interrupted ones are not in it."""
+    """Every run of the folder that went to its end or failed, in order; interrupted ones are not in it.
+
+    Raises `SettingsError` that names a damaged file.
+    """
     found = []
     for path in sorted((out / "runs").glob(f"*/{RUN}")):
-        run = msgspec.json.decode(path.read_bytes(), type=Run)
+        run = _read(path, Run)
         report = read_report(path.with_name(REPORT), settings.duration_s)
         failure = path.with_name(FAILED)
         if report is not None:
             manager = path.with_name(MANAGER)
-            started = msgspec.json.decode(manager.read_bytes()) if manager.exists() else {}
+            started = _read(manager, dict[str, int]) if manager.exists() else {}
             found.append((run, _entry(run, report, started.get("manager_pid"), None)))
         elif failure.exists():
-            found.append((run, _entry(run, {}, None, msgspec.json.decode(failure.read_bytes())["reason"])))
+            found.append((run, _entry(run, {}, None, _read(failure, dict[str, str]).get("reason", "unknown"))))
     found.sort(key=lambda pair: _order(pair[0]))
     return [{name: entry.get(name) for name in (*Report.__struct_fields__, *OWN_FIELDS)} for _, entry in found]
+
+
+def _read(path: Path, kind: type[_T]) -> _T:
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=kind)
+    except (OSError, msgspec.DecodeError) as error:
+        raise SettingsError(f"{path}: damaged: {error}; remove its folder, and the run is made again") from None
 
 
 def _entry(run: Run, report: dict[str, Any], manager_pid: int | None, failed: str | None) -> Entry:
@@ -106,7 +121,10 @@ def whole(entries: Iterable[Entry], **having: Any) -> list[Entry]:
 
 def figure(entries: Sequence[Entry], path: str) -> Figure | None:
     """Mean and 95 % interval (Student's t) of a figure over runs that differ by their seed alone."""
-    values = [value for entry in entries if (value := at(entry, path)) is not None]
+    return _of_values([value for entry in entries if (value := at(entry, path)) is not None])
+
+
+def _of_values(values: Sequence[float]) -> Figure | None:
     if not values:
         return None
     half = None
@@ -117,16 +135,23 @@ def figure(entries: Sequence[Entry], path: str) -> Figure | None:
 
 def change(entries: Sequence[Entry], against: Sequence[Entry], path: str) -> Figure | None:
     """By how much a figure differs, seed by seed: 0.25 is a quarter more than `against`."""
+    return _of_values([mine / other - 1.0 for mine, other in _pairs(entries, against, path) if other])
+
+
+def difference(entries: Sequence[Entry], against: Sequence[Entry], path: str) -> Figure | None:
+    """How much more a figure is than under `against`, seed by seed, in its own unit."""
+    return _of_values([mine - other for mine, other in _pairs(entries, against, path)])
+
+
+def _pairs(entries: Sequence[Entry], against: Sequence[Entry], path: str) -> Iterable[tuple[float, float]]:
     others = {entry["seed"]: at(entry, path) for entry in against}
-    changes = []
     for entry in entries:
         mine, other = at(entry, path), others.get(entry["seed"])
-        if mine is not None and other:
-            changes.append({"failed": None, "change": mine / other - 1.0})
-    return figure(changes, "change")
+        if mine is not None and other is not None:
+            yield mine, other
 
 
-def collided(entries: Iterable[Entry], ours: Callable[[str], bool]) -> list[str]:
-    """Runs under our manager in which any count saw a collision or a teleport."""
+def collided(entries: Iterable[Entry]) -> list[Entry]:
+    """Runs, under whatever control, in which any count saw a collision or a teleport."""
     counts = ("safety.collisions_sumo", "safety.collisions_geometric", "safety.teleports")
-    return [e["run"] for e in whole(entries) if ours(e["method"]) and any(at(e, name) for name in counts)]
+    return [e for e in whole(entries) if any(at(e, name) for name in counts)]

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
-import platform
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 
 from gameopt_sumo.baselines.report import SCHEMA as REPORT_SCHEMA
-from gameopt_wire import WIRE_VERSION
+from gameopt_sumo.compare.sources import OPTIONAL
 
 SCHEMA = "gameopt-compare/1"
 FILE, LOCK = "settings.json", ".lock"
-LIBRARIES = ("gameopt", "eclipse-zenoh", "osqp", "libsumo", "numpy", "numba")
 TUNING_SEEDS = (201, 202)
 """Lights are tuned on the arrivals of these seeds, which no comparison uses."""
+DEVELOPED_ON = (*range(101, 111), 201, 202, 203)
+"""The defaults of `coop` were chosen on runs of these seeds (docs/results/controller.md)."""
+PLACES = ("sumo",)
+"""Where something is found: not compared, for its digest says what it is."""
 
 Geometry = Literal["areas", "box"]
 
@@ -53,15 +54,6 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
             raise SettingsError(f"--warmup {self.warmup_s:g} s must be less than --duration {self.duration_s:g} s")
 
 
-def versions() -> dict[str, str]:
-    """Of everything that shapes a result."""
-    return {
-        "wire": str(WIRE_VERSION),
-        "python": platform.python_version(),
-        **{name: version(name) for name in LIBRARIES},
-    }
-
-
 def digest(sumocfg: Path) -> str:
     """One digest of a scenario: its configuration and every file that it names. Raises `SettingsError`."""
     total = hashlib.sha256()
@@ -82,34 +74,44 @@ def claim(out: Path, settings: Settings) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
         if path.exists():
-            _agree(path, settings)
+            if _agree(path, settings):
+                write_whole(path, _text(settings))
         elif (out / "results.json").exists():
             raise SettingsError(f"{out}: has results.json but no {FILE}; choose another --out")
         else:
-            write_whole(path, msgspec.json.format(msgspec.json.encode(settings), indent=2) + b"\n")
+            write_whole(path, _text(settings))
     except OSError as error:
         raise SettingsError(f"{out}: cannot write: {error.strerror or error}") from None
 
 
-def _agree(path: Path, settings: Settings) -> None:
+def _text(settings: Settings) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(settings), indent=2) + b"\n"
+
+
+def _agree(path: Path, settings: Settings) -> bool:
+    """Refuse settings that are not those of the folder; whether a library has come that it lacked."""
     try:
         before = _flat(path.read_bytes())
     except msgspec.DecodeError as error:
         raise SettingsError(f"{path}: not the settings of a comparison: {error}") from None
     now = _flat(msgspec.json.encode(settings))
+    optional = {f"versions.{name}" for name in OPTIONAL}
     for name in {**before, **now}:
-        if before.get(name) != now.get(name):
+        lacking = name in optional and None in (before.get(name), now.get(name))
+        if before.get(name) != now.get(name) and not lacking:
             then, want = (msgspec.json.encode(known.get(name)).decode() for known in (before, now))
             raise SettingsError(
                 f"{path.parent}: its results were made with {name} {then}, not {want}; choose another --out"
             )
+    return any(name in now and name not in before for name in optional)
 
 
 def _flat(settings: bytes) -> dict[str, Any]:
-    """By name, and `versions.NAME`, so that a refusal can say which."""
+    """By name, and `versions.NAME`, so that a refusal can say which; without `PLACES`."""
     decoded = msgspec.json.decode(settings, type=dict[str, Any])
     versions = decoded.pop("versions", {})
-    return decoded | {f"versions.{name}": version for name, version in versions.items()}
+    kept = {name: value for name, value in decoded.items() if name not in PLACES}
+    return kept | {f"versions.{name}": version for name, version in versions.items()}
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -121,8 +123,13 @@ def write_whole(path: Path, content: bytes) -> None:
 
 @contextmanager
 def alone(out: Path) -> Iterator[None]:
-    """Keep a second comparison out of the folder while this one runs. Raises `SettingsError`."""
-    with (out / LOCK).open("w") as lock:
+    """Make the folder, and keep a second comparison out of it while this one runs. Raises `SettingsError`."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        lock = (out / LOCK).open("w")
+    except OSError as error:
+        raise SettingsError(f"{error.filename}: cannot write: {error.strerror}") from None
+    with lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -36,6 +37,7 @@ def test_an_entry_is_the_report_with_the_method_and_the_manager(tmp_path: Path) 
         "knob": None,
         "value": None,
         "manager_pid": PID,
+        "machine": None,
         "failed": None,
     }
 
@@ -152,9 +154,12 @@ def test_plots_are_png_and_svg_with_a_look_for_each_method(tmp_path: Path) -> No
     assert "| 2000 | fixed | 2 | 50 ± 0 |" in text
 
 
-def test_n_log_n_is_found_where_it_is() -> None:
-    points = [Decision(n, 0.5 + 0.002 * n * math.log2(n), 1.0) for n in (10, 50, 100, 200)]
-    growth = Computation(points).growth
-    assert growth is not None
-    assert growth == pytest.approx((0.5, 0.002, 1.0))
-    assert Computation(points[:2]).growth is None
+@pytest.mark.parametrize(
+    ("term", "grows"), [("n", lambda n: n), ("n log2 n", lambda n: n * math.log2(n)), ("n^2", lambda n: n * n)]
+)
+def test_the_growth_that_is_there_fits_best(term: str, grows: Callable[[float], float]) -> None:
+    points = [Decision(n, 0.5 + 0.002 * grows(n), 1.0) for n in (10, 50, 100, 200)]
+    fits = {growth.term: growth for growth in Computation(points).growths}
+    assert fits[term][1:] == pytest.approx((0.5, 0.002, 1.0))
+    assert all(growth.r_squared < 0.9999 for name, growth in fits.items() if name != term)
+    assert Computation(points[:2]).growths == []

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gameopt_sumo.exit_codes import EXIT_COLLIDED, EXIT_FAILED
+
 if TYPE_CHECKING:
     from gameopt_sumo.compare.experiments import Experiment
     from gameopt_sumo.compare.runs import Place, Run
 
-EXIT_FAILED = 1
-EXIT_COLLIDED = 4
 EXPERIMENTS = ("flows", "unbalanced", "preferences", "ablation", "computation", "drift")
 _EPILOG = (
     "A folder is added to: what is whole in it is not run again, and results of other settings are refused. "
@@ -102,7 +102,7 @@ def _compare(out: Path, jobs: int | None, seeds: int, sumo: Path | None, **optio
             with schedule.interruptible(processes):
                 run_now = schedule.carry_out(place, runs, jobs or max(1, cores() // 2), processes, console)
                 if experiment.computation:
-                    computation.measure(out, processes, console)
+                    computation.measure(place, processes, console)
         except KeyboardInterrupt:
             whole = sum(map(place.done, runs))
             click.echo(f"interrupted: {whole} of {len(runs)} runs are whole; the same command goes on", err=True)
@@ -181,15 +181,15 @@ def _settings(
 
 def _conclude(place: Place, runs: list[Run], run_now: int) -> int:
     """Write everything that can be read off the folder; the exit code of the runs asked for."""
-    from gameopt_sumo.compare import computation, page, plots, results
+    from gameopt_sumo.compare import computation, page, plans, plots, results
     from gameopt_sumo.compare.methods import named
-    from gameopt_sumo.compare.settings import write_whole
+    from gameopt_sumo.files import write_whole
 
     out = place.out
     entries = results.gather(out, place.settings)
     computed = computation.read(out)
     results.write(out, entries)
-    made = page.Made(_commands(out), datetime.now(UTC), plots.draw(out, entries, computed))
+    made = page.Made(_commands(out), datetime.now(UTC), plots.draw(out, entries, computed), plans.at_bounds(out))
     write_whole(out / "report.md", page.page(entries, place.settings, computed, made).encode())
     asked = {run.name for run in runs}
     mine = [entry for entry in entries if entry["run"] in asked]

@@ -14,12 +14,15 @@ import msgspec
 from scipy import stats
 
 from gameopt_sumo.baselines.report import Report
-from gameopt_sumo.compare.runs import FAILED, MANAGER, REPORT, RUN, Run, read_report
-from gameopt_sumo.compare.settings import Settings, write_whole
+from gameopt_sumo.compare.runs import FAILED, MACHINE, MANAGER, REPORT, RUN, Failure, Run, read_report
+from gameopt_sumo.compare.settings import Settings
+from gameopt_sumo.figures import COLLISIONS
+from gameopt_sumo.files import read_json, write_whole
 
 Entry = dict[str, Any]
-OWN_FIELDS = ("run", "knob", "value", "manager_pid", "failed")
-"""What an entry has beside the report: the run's folder, what was varied, the manager's process, why it failed."""
+OWN_FIELDS = ("run", "knob", "value", "manager_pid", "machine", "failed")
+"""What an entry has beside the report: the run's folder, what was varied, the manager's process, the machine and how
+many runs at a time it had, why it failed."""
 
 
 class Figure(NamedTuple):
@@ -31,23 +34,27 @@ class Figure(NamedTuple):
 
 
 def gather(out: Path, settings: Settings) -> list[Entry]:
-    """Every run of the folder that went to its end or failed, in order; interrupted ones are not in it."""
+    """Every run of the folder that went to its end or failed, in order; interrupted ones are not in it.
+
+    Raises `FileError`.
+    """
     found = []
     for path in sorted((out / "runs").glob(f"*/{RUN}")):
-        run = msgspec.json.decode(path.read_bytes(), type=Run)
-        report = read_report(path.with_name(REPORT), settings.duration_s)
-        failure = path.with_name(FAILED)
-        if report is not None:
-            manager = path.with_name(MANAGER)
-            started = msgspec.json.decode(manager.read_bytes()) if manager.exists() else {}
-            found.append((run, _entry(run, report, started.get("manager_pid"), None)))
-        elif failure.exists():
-            found.append((run, _entry(run, {}, None, msgspec.json.decode(failure.read_bytes())["reason"])))
+        run, folder = read_json(path, Run), path.parent
+        if (report := read_report(folder / REPORT, settings.duration_s)) is not None:
+            manager, machine = (_kept(folder / name) for name in (MANAGER, MACHINE))
+            found.append((run, _entry(run, report, manager_pid=manager.get("manager_pid"), machine=machine or None)))
+        elif (folder / FAILED).exists():
+            found.append((run, _entry(run, {}, failed=read_json(folder / FAILED, Failure).reason)))
     found.sort(key=lambda pair: _order(pair[0]))
     return [{name: entry.get(name) for name in (*Report.__struct_fields__, *OWN_FIELDS)} for _, entry in found]
 
 
-def _entry(run: Run, report: dict[str, Any], manager_pid: int | None, failed: str | None) -> Entry:
+def _kept(path: Path) -> dict[str, Any]:
+    return read_json(path, dict[str, Any]) if path.exists() else {}
+
+
+def _entry(run: Run, report: dict[str, Any], **own: Any) -> Entry:
     return {
         **report,
         "method": run.method,
@@ -57,8 +64,7 @@ def _entry(run: Run, report: dict[str, Any], manager_pid: int | None, failed: st
         "run": run.name,
         "knob": run.knob,
         "value": run.value,
-        "manager_pid": manager_pid,
-        "failed": failed,
+        **own,
     }
 
 
@@ -128,5 +134,5 @@ def change(entries: Sequence[Entry], against: Sequence[Entry], path: str) -> Fig
 
 def collided(entries: Iterable[Entry], ours: Callable[[str], bool]) -> list[str]:
     """Runs under our manager in which any count saw a collision or a teleport."""
-    counts = ("safety.collisions_sumo", "safety.collisions_geometric", "safety.teleports")
+    counts = [f"safety.{name}" for name in COLLISIONS]
     return [e["run"] for e in whole(entries) if ours(e["method"]) and any(at(e, name) for name in counts)]

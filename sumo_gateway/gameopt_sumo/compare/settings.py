@@ -15,6 +15,7 @@ from typing import Any, Literal
 import msgspec
 
 from gameopt_sumo.baselines.report import SCHEMA as REPORT_SCHEMA
+from gameopt_sumo.files import write_whole
 from gameopt_wire import WIRE_VERSION
 
 SCHEMA = "gameopt-compare/1"
@@ -110,13 +111,6 @@ def _flat(settings: bytes) -> dict[str, Any]:
     decoded = msgspec.json.decode(settings, type=dict[str, Any])
     versions = decoded.pop("versions", {})
     return decoded | {f"versions.{name}": version for name, version in versions.items()}
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all."""
-    partial = path.with_name(path.name + ".part")
-    partial.write_bytes(content)
-    partial.replace(path)
 
 
 @contextmanager

@@ -89,6 +89,7 @@ class Processes:
             finally:
                 _end(manager)
                 rest.join()
+        self.check()  # whoever was asked to stop may have ended in any way
         if manager.returncode != 0:
             raise ProcessError(
                 f"the manager ended with exit code {manager.returncode}: {last_line(folder / MANAGER_LOG)}"

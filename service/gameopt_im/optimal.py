@@ -2,18 +2,22 @@
 
     python -m gameopt_im.optimal RECORDING.mcap --sizes 4,6,8,10 --states 20 --limit 60 --json optimal.json
 
+The same command goes on from what `optimal.json` has.
+
 The optimum is that of the paper's one-step program over all orders that keep the lanes (`core/joint.py`), found by
 SCIP. Against it stand the paper's K sequences and their programs, as the profile `paper` runs them. Objectives are
 evaluated alike, on full lateral rows, for the order that either came to. Times are processor times of one core, from
-the state to the order and its speeds, the making of the problem included.
+the state to the order and its speeds, the making of the problem included. Only the vehicles' columns, which either
+problem is made of, are made once, and count for the auction.
 """
 
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import platform
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -25,7 +29,6 @@ import msgspec
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
 from gameopt_im import logs, recorder
 from gameopt_im.core import interlock, planning
@@ -33,6 +36,7 @@ from gameopt_im.core.conflicts import Ground, ground
 from gameopt_im.core.joint import in_order, joint
 from gameopt_im.core.reservations import Book
 from gameopt_im.core.snapshot import NONE, Ints, Snapshot
+from gameopt_im.optimal_results import SCHEMA, Compared, Results, Size, kept, table, write
 from gameopt_im.options import ServeOptions, StartError
 from gameopt_im.recorder import Recording
 from gameopt_im.replay import options_of
@@ -47,49 +51,7 @@ MOST_VEHICLES = 64
 GIVEN_UP = 3
 """A size is left, and is the last one, when so many of its states have reached the limit."""
 LATERAL_ROWS = ("reduced", "full")
-COLUMNS = (
-    "vehicles", "pairs", "solved", "optimum, ms p50 / max", "auction + QPs, ms", "on full rows, ms", "times faster",
-    "objective over optimum",
-)  # fmt: skip
 LIBRARIES = ("gameopt", "osqp", "numpy", "numba", "pyscipopt")
-
-
-class Compared(msgspec.Struct, frozen=True):
-    """One state of n vehicles. Times in s; objectives on full lateral rows, None where none was found.
-
-    `orders_open` is how many pairs' order is free, `solved` whether the optimum was proven within the limit, `bound`
-    what no order can go below. `auction_s` is bids, sequences and their K programs on reduced lateral rows, as the
-    profile `paper` has them; `full_rows_s` the same on full rows.
-    """
-
-    time_s: float
-    orders_open: int
-    solved: bool
-    optimal_s: float
-    optimal: float | None
-    bound: float
-    auction_s: float
-    auction: float
-    full_rows_s: float
-    full_rows: float
-
-
-class Size(msgspec.Struct, frozen=True):
-    """All states of one number of vehicles."""
-
-    vehicles: int
-    states: list[Compared]
-
-
-class Results(msgspec.Struct, frozen=True):
-    """What `--json` writes."""
-
-    schema: str
-    versions: dict[str, str]
-    recording: str
-    candidates: int
-    limit_s: float
-    sizes: list[Size]
 
 
 def _sizes(_context: click.Context, _option: click.Parameter, text: str) -> tuple[int, ...]:
@@ -103,31 +65,59 @@ def _sizes(_context: click.Context, _option: click.Parameter, text: str) -> tupl
     return sizes
 
 
-def compare(path: Path, sizes: Sequence[int], states: int, limit_s: float) -> Iterator[Results]:
-    """Compare on up to `states` states of each size, small sizes first; all so far after each. Raises `StartError`."""
+def compare(
+    path: Path, sizes: Sequence[int], states: int, limit_s: float, json_file: Path | None = None
+) -> Iterator[Results]:
+    """Compare on up to `states` states of each size, small sizes first; all so far after each, and why it ended.
+
+    Goes on from the results in `json_file`, if they are there. Raises `StartError`, also for results of anything else.
+    """
     _require_scip()
     recording = recorder.read(path)
     options = replace(options_of(recording), profile="paper", geometry="box")
     known = ground(options.map, "box", options.parameters.program.lateral_margin_m, options.turn_speed)
+    results = Results(SCHEMA, _versions(), path.name, _digest(path), options.candidates, states, limit_s, [])
+    done = {size.vehicles: size for size in kept(json_file, results)}
     asyncio.run(warm_up(options))  # compiles what is measured
     snapshots = list(_uncleared(recording, known))
-    done: list[Size] = []
+
+    def so_far(ended: str | None = None) -> Results:
+        return msgspec.structs.replace(results, sizes=[done[n] for n in sorted(done)], ended=ended)
+
     with Progress(console=Console(stderr=True), transient=True) as progress:
-        for n in sorted(set(sizes)):
-            chosen = _spread([each for each in snapshots if len(each) >= n], states)
-            if not chosen:
-                break
-            compared: list[Compared] = []
-            for snapshot in progress.track(chosen, description=f"{n} vehicles"):
-                compared.append(_compared(_nearest(snapshot, n), options, known, limit_s))
-                if sum(not each.solved for each in compared) >= GIVEN_UP:
-                    break
-            done.append(Size(n, compared))
-            yield Results("gameopt-optimal/1", _versions(), path.name, options.candidates, limit_s, list(done))
-            if not all(each.solved for each in compared):
-                break
-    if not done:
-        raise StartError(f"{path}: never {min(sizes)} vehicles without a clearance at a time; allowed: busier traffic")
+        for n in sorted({*sizes, *done}):
+            if n not in done:
+                chosen = _spread([each for each in snapshots if len(each) >= n], states)
+                if not chosen:
+                    never = f"never {n} vehicles without a clearance at a time"
+                    if not done:
+                        raise StartError(f"{path}: {never}; allowed: busier traffic")
+                    yield so_far(never)
+                    return
+                tracked = progress.track(chosen, description=f"{n} vehicles")
+                done[n] = Size(n, _until_given_up(tracked, n, options, known, limit_s))
+                yield so_far()
+            if (unsolved := sum(not each.solved for each in done[n].states)) > 0:
+                yield so_far(f"{unsolved} of {len(done[n].states)} states of {n} vehicles not solved in {limit_s:g} s")
+                return
+    yield so_far("no more were asked for")
+
+
+def _until_given_up(
+    snapshots: Iterable[Snapshot], n: int, options: ServeOptions, known: Ground, limit_s: float
+) -> list[Compared]:
+    """Both methods on the n nearest vehicles of each state, until so many have reached the limit."""
+    compared: list[Compared] = []
+    for snapshot in snapshots:
+        compared.append(_compared(_nearest(snapshot, n), options, known, limit_s))
+        if sum(not each.solved for each in compared) >= GIVEN_UP:
+            break
+    return compared
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as recording:
+        return hashlib.file_digest(recording, "sha256").hexdigest()
 
 
 def _require_scip() -> None:
@@ -187,13 +177,15 @@ def _compared(snapshot: Snapshot, options: ServeOptions, known: Ground, limit_s:
 
     (auction_s, chosen), (full_rows_s, by_full) = (_auctioned(snapshot, options, known, rows) for rows in LATERAL_ROWS)
     vehicles = chosen.vehicles
+    started = process_time()
     problem = joint(vehicles, known.conflict, options.parameters.program, STEP_S)
+    making_s = process_time() - started
     answer = solve(problem, limit_s)
     return Compared(
         time_s=snapshot.time_s,
         orders_open=int(np.triu(problem.free).sum()),
         solved=answer.optimal,
-        optimal_s=answer.seconds,
+        optimal_s=making_s + answer.seconds,
         optimal=None if answer.order is None else _reached(replace(chosen, order=answer.order)),
         bound=answer.bound,
         auction_s=auction_s,
@@ -228,36 +220,14 @@ def _reached(job: PaperJob) -> float:
     return solution.objective
 
 
-def table(results: Results) -> Table:
-    """The results to read, a line a size."""
-    shown = Table(title=f"{results.recording}: joint order and speeds against {results.candidates} sequences")
-    for column in COLUMNS:
-        shown.add_column(column, justify="right")
-    for size in results.sizes:
-        states = size.states
-        solved = [each for each in states if each.solved]
-        optimum, auction, full = (
-            1e3 * np.array([getattr(each, name) for each in states])
-            for name in ("optimal_s", "auction_s", "full_rows_s")
-        )
-        over = [each.auction / each.optimal for each in solved if each.optimal]
-        shown.add_row(
-            str(size.vehicles),
-            f"{np.median([each.orders_open for each in states]):.0f}",
-            f"{len(solved)} of {len(states)}",
-            f"{np.median(optimum):.0f} / {optimum.max():.0f}",
-            f"{np.median(auction):.1f} / {auction.max():.1f}",
-            f"{np.median(full):.1f} / {full.max():.1f}",
-            f"{np.median(optimum / auction):.0f}",
-            f"{np.median(over):.3f} / {max(over):.3f}" if over else "-",
-        )
-    return shown
-
-
 @click.command(context_settings={"show_default": True})
 @click.argument("recording", type=click.Path(path_type=Path, dir_okay=False), metavar="RECORDING.mcap")
 @click.option(
-    "--sizes", default="4,6,8,10,12,14,16,20,24,28,32", metavar="N,N,...", callback=_sizes, help="Numbers of vehicles."
+    "--sizes",
+    default="4,6,8,10,12,14,16,20,24,28,32,36,40,44,48,52,56,60,64",
+    metavar="N,N,...",
+    callback=_sizes,
+    help="Numbers of vehicles.",
 )
 @click.option("--states", type=click.IntRange(1, 1000), default=20, help="States of each size, over the whole run.")
 @click.option(
@@ -269,7 +239,7 @@ def table(results: Results) -> Table:
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
     show_default=False,
-    help="Write every state here, after each size.",
+    help="Write every state here, after each size; what it has already is gone on from.",
 )
 def command(*, recording: Path, sizes: tuple[int, ...], states: int, limit_s: float, json_file: Path | None) -> None:
     """Compare the auction and its programs with the optimum over all orders, on recorded states.
@@ -277,18 +247,12 @@ def command(*, recording: Path, sizes: tuple[int, ...], states: int, limit_s: fl
     Sizes are gone through from small to large, up to the first with a state that is not solved within the limit.
     """
     results = None
-    for results in compare(recording, sizes, states, limit_s):
+    for results in compare(recording, sizes, states, limit_s, json_file):
         if json_file is not None:
-            _write(json_file, results)  # a size may take an hour: what is there is kept
+            write(json_file, results)  # a size may take an hour: what is there is kept
     if results is not None:
         Console().print(table(results))
-
-
-def _write(path: Path, results: Results) -> None:
-    try:
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(results)))
-    except OSError as error:
-        raise StartError(f"{path}: {error.strerror or error}") from None
+        click.echo(f"More vehicles were not tried: {results.ended}.")
 
 
 def run(arguments: Sequence[str]) -> int:

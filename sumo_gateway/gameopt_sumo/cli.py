@@ -11,10 +11,10 @@ from typing import Any
 import click
 
 from gameopt_sumo.compare.command import compare
+from gameopt_sumo.exit_codes import EXIT_BAD_INPUT
+from gameopt_sumo.files import FileError, complaint
 from gameopt_sumo.network import NetworkError, map_json, read_map
 from gameopt_sumo.scenarios import FourArm, ScenarioError, write_four_arm
-
-EXIT_BAD_INPUT = 2
 
 
 def _numbers(context: click.Context, option: click.Parameter, value: str | None) -> tuple[float, ...] | None:
@@ -124,8 +124,10 @@ def main() -> None:
         code = 128 + signal.SIGINT
     except click.ClickException as error:
         code = _complain(error.format_message())
-    except (NetworkError, ScenarioError) as error:
+    except (FileError, NetworkError, ScenarioError) as error:
         code = _complain(str(error))
+    except OSError as error:
+        code = _complain(complaint(error))
     sys.exit(code)
 
 

@@ -46,6 +46,10 @@ class ClassFigures(msgspec.Struct, frozen=True, kw_only=True):
     co2_g: float | None
 
 
+COLLISIONS = ("collisions_sumo", "collisions_geometric", "teleports")
+"""Counts of `Safety` none of which is zero in a run in which vehicles collided, or were teleported out of it."""
+
+
 class Safety(msgspec.Struct, frozen=True, kw_only=True):
     """Over the whole run, warm-up included: a collision is a collision whenever it happens.
 

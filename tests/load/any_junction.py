@@ -29,8 +29,9 @@ sys.path.append(str(Path(__file__).parents[1] / "maps"))
 from plain_nets import NAMES
 from sites import SHIPPED, Site, site
 
-from gameopt_sumo.baselines.cli import EXIT_COLLISION
-from gameopt_sumo.compare.processes import two_processes
+from gameopt_sumo.compare.processes import Processes
+from gameopt_sumo.exit_codes import EXIT_COLLIDED
+from gameopt_sumo.figures import COLLISIONS
 
 STEP = 1.2
 """Demand is raised by this factor while capacity is looked for."""
@@ -72,14 +73,14 @@ class Run:
     def _drive(self, config: Path, path: Path) -> None:
         common = ["--clock", "lockstep", "--junction", self.site.junction]
         serve = [*common, "--map", self.site.net, "--workers", "1"]
-        two_processes(serve, [*common, "--sumo", config, *self._times(), "--report", path], self.folder)
+        Processes().two(serve, [*common, "--sumo", config, *self._times(), "--report", path], self.folder)
 
     def _watch(self, config: Path, path: Path) -> None:
         """The net's own control; what collides there is in its report."""
         own = [sys.executable, "-m", "gameopt_sumo.baselines", "run", str(config), "--method", "own"]
         rest = ["--junction", self.site.junction, *self._times(), "--report", str(path)]
         done = subprocess.run([*own, *rest], check=False)
-        if done.returncode not in (0, EXIT_COLLISION):
+        if done.returncode not in (0, EXIT_COLLIDED):
             raise subprocess.CalledProcessError(done.returncode, done.args)
 
     def _times(self) -> list[str]:
@@ -171,9 +172,7 @@ def main(only: str, seeds: str, shares: str, duration: int, warmup: int, jobs: i
                     ]
                     reports = list(pool.map(Run.report, runs))
                     click.echo(row(place, flow, share, ours, reports))
-                    collided |= ours and any(
-                        _at(r, "safety", "collisions_sumo") + _at(r, "safety", "collisions_geometric") for r in reports
-                    )
+                    collided |= ours and any(_at(r, "safety", name) for r in reports for name in COLLISIONS)
         click.echo("\nCapacity of the own control, demand raised until it saturates (demand: served, veh/h):\n")
         for place, (most, steps) in zip(chosen, capacities, strict=True):
             click.echo(f"- {place.name}: {most:.0f} ({', '.join(f'{d}: {served:.0f}' for d, served in steps)})")

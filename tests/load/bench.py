@@ -13,7 +13,7 @@ from pathlib import Path
 
 import click
 
-from gameopt_sumo.compare.processes import BIN, two_processes
+from gameopt_sumo.compare.processes import BIN, Processes
 
 
 def recorded(flow: int, seconds: int, out: Path) -> Path:
@@ -26,7 +26,7 @@ def recorded(flow: int, seconds: int, out: Path) -> Path:
         partial = path.with_suffix(".part")
         lockstep = ["--clock", "lockstep"]
         drive = [*lockstep, "--sumo", folder / "four-arm.sumocfg", "--duration", str(seconds)]
-        two_processes([*lockstep, "--record", partial], drive, folder)
+        Processes().two([*lockstep, "--record", partial], drive, folder)
         partial.rename(path)
     return path
 

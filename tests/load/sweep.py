@@ -23,9 +23,10 @@ from typing import Any
 import click
 from rich.console import Console
 from rich.progress import track
-from scipy import stats
 
-from gameopt_sumo.compare.processes import BIN, two_processes
+from gameopt_sumo.compare.processes import BIN, Processes
+from gameopt_sumo.compare.results import figure
+from gameopt_sumo.figures import COLLISIONS
 
 LIBRARIES = ("gameopt", "eclipse-zenoh", "osqp", "libsumo", "numpy", "numba")
 
@@ -86,7 +87,7 @@ class Run:
             "--warmup", str(self.warmup), "--seed", str(self.seed), "--report", path,
             "--tracking-noise", str(self.noise), "--inflate", str(self.inflate),
         ]  # fmt: skip
-        two_processes(serve, drive, self.folder)
+        Processes().two(serve, drive, self.folder)
 
 
 def _check(command: list[Any]) -> None:
@@ -104,10 +105,11 @@ def row(flow: int, reports: list[dict[str, Any]]) -> str:
     def mean(*path: str) -> float:
         return statistics.fmean(_at(report, *path) for report in reports)
 
-    def interval(*path: str, digits: int) -> str:
-        values = [_at(report, *path) for report in reports]
-        half = stats.t.ppf(0.975, len(values) - 1) * stats.sem(values) if len(values) > 1 else float("nan")
-        return f"{statistics.fmean(values):.{digits}f} ± {half:.{digits}f}"
+    def interval(path: str, digits: int) -> str:
+        found = figure(reports, path)
+        if found is None:
+            return "-"
+        return f"{found.mean:.{digits}f}" + ("" if found.half is None else f" ± {found.half:.{digits}f}")
 
     def most(*path: str) -> float:
         return max(_at(report, *path) for report in reports)
@@ -119,9 +121,9 @@ def row(flow: int, reports: list[dict[str, Any]]) -> str:
     solved, failed, late = (sum(_at(r, "qp", name) for r in reports) for name in ("solved", "failed", "late"))
     return (
         f"| {flow:,} | {len(reports)} | {mean('vehicles', 'arrived'):.0f} | {mean('throughput_veh_min'):.1f} "
-        f"| {max(served):.0f} | {interval('time_to_goal_s', 'mean', digits=2)} "
+        f"| {max(served):.0f} | {interval('time_to_goal_s.mean', 2)} "
         f"| {most('time_to_goal_s', 'mean'):.2f} | {mean('by_class', 'emergency', 'time_to_goal_s'):.2f} "
-        f"| {most('time_loss_s', 'max'):.1f} | {interval('fuel_g', digits=1)} | {collisions:.0f} "
+        f"| {most('time_loss_s', 'max'):.1f} | {interval('fuel_g', 1)} | {collisions:.0f} "
         f"| {min(_at(r, 'safety', 'min_pet_s') for r in reports):.2f} | {mean('safety', 'hard_brakes'):.1f} "
         f"| {most('control_cycle', 'missed'):.0f} | {mean('control_cycle', 'p50_ms'):.1f} / "
         f"{most('control_cycle', 'p99_ms'):.1f} | {solved:.0f} / {failed:.0f} / {late:.0f} |"
@@ -171,7 +173,7 @@ def main(flows: str, seeds: str, jobs: int, out: Path, **settings: Any) -> None:
     click.echo(HEADER)
     for flow, group in by_flow.items():
         click.echo(row(flow, group))
-    sys.exit(any(_at(r, "safety", "collisions_sumo") + _at(r, "safety", "collisions_geometric") for r in reports))
+    sys.exit(any(_at(r, "safety", name) for r in reports for name in COLLISIONS))
 
 
 if __name__ == "__main__":

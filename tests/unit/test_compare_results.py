@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -21,8 +22,8 @@ from gameopt_sumo.compare.computation import Computation, Decision
 from gameopt_sumo.compare.page import Made, page
 from gameopt_sumo.compare.results import OWN_FIELDS, at, change, collided, figure, gather, whole, write
 from gameopt_sumo.compare.runs import Place, Run
-from gameopt_sumo.compare.settings import SettingsError
 from gameopt_sumo.compare.views import ablations, views
+from gameopt_sumo.files import FileError
 
 NOW = datetime(2026, 1, 2, tzinfo=UTC)
 
@@ -40,6 +41,7 @@ def test_an_entry_is_the_report_with_the_method_and_the_manager(tmp_path: Path) 
         "knob": None,
         "value": None,
         "manager_pid": PID,
+        "machine": None,
         "failed": None,
     }
 
@@ -59,7 +61,7 @@ def test_what_was_interrupted_or_is_of_another_schema_is_no_result(tmp_path: Pat
 def test_a_damaged_file_is_named(tmp_path: Path, name: str) -> None:
     folder = put(tmp_path, run(), None if name == "failed.json" else report(), failed="bad luck")
     (folder / name).write_text('{"rea')
-    with pytest.raises(SettingsError, match=rf"seed101/{name}: damaged"):
+    with pytest.raises(FileError, match=rf"seed101/{name}: damaged"):
         gather(tmp_path, SETTINGS)
 
 
@@ -224,9 +226,12 @@ def test_plots_are_png_and_svg_with_a_look_for_each_method(tmp_path: Path) -> No
     assert "| 2000 | fixed | 2 | 50 ± 0 |" in text
 
 
-def test_n_log_n_is_found_where_it_is() -> None:
-    points = [Decision(n, 0.5 + 0.002 * n * math.log2(n), 1.0) for n in (10, 50, 100, 200)]
-    growth = Computation(points).growth
-    assert growth is not None
-    assert growth == pytest.approx((0.5, 0.002, 1.0))
-    assert Computation(points[:2]).growth is None
+@pytest.mark.parametrize(
+    ("term", "grows"), [("n", lambda n: n), ("n log2 n", lambda n: n * math.log2(n)), ("n^2", lambda n: n * n)]
+)
+def test_the_growth_that_is_there_fits_best(term: str, grows: Callable[[float], float]) -> None:
+    points = [Decision(n, 0.5 + 0.002 * grows(n), 1.0) for n in (10, 50, 100, 200)]
+    fits = {growth.term: growth for growth in Computation(points).growths}
+    assert fits[term][1:] == pytest.approx((0.5, 0.002, 1.0))
+    assert all(growth.r_squared < 0.9999 for name, growth in fits.items() if name != term)
+    assert Computation(points[:2]).growths == []

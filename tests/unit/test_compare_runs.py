@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -12,10 +13,11 @@ import pytest
 from compared import SETTINGS, put, report, run
 from rich.console import Console
 
-from gameopt_sumo.compare import command, schedule
+from gameopt_sumo.baselines.plan import Plan, write_plan
+from gameopt_sumo.compare import command, processes, schedule
 from gameopt_sumo.compare.methods import named
-from gameopt_sumo.compare.plans import PLAN, needed, plan_file
-from gameopt_sumo.compare.processes import ProcessError, Processes, Stopped
+from gameopt_sumo.compare.plans import at_bounds, needed, plan_file
+from gameopt_sumo.compare.processes import ProcessError, Processes, Stopped, cores, machine
 from gameopt_sumo.compare.results import gather
 from gameopt_sumo.compare.runs import PROBE, Place, perform
 
@@ -51,6 +53,16 @@ def test_a_manager_that_does_not_serve_is_a_failed_run(tmp_path: Path) -> None:
         Processes().two(["--config", "/nowhere.toml"], [], tmp_path)
 
 
+def test_a_manager_that_is_killed_is_a_failed_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def kill(process: subprocess.Popen[str]) -> None:
+        process.kill()
+        process.wait()
+
+    monkeypatch.setattr(processes, "_end", kill)
+    with pytest.raises(ProcessError, match="the manager ended with exit code -9: "):
+        Processes().two(["--clock", "lockstep"], ["--help"], tmp_path)
+
+
 def test_every_method_drives_the_same_arrivals(tmp_path: Path) -> None:
     place = Place(tmp_path, SETTINGS)
     assert place.scenario(run("coop", seed=101)) == place.scenario(run("fixed", seed=101))
@@ -75,7 +87,10 @@ def test_probes_and_trucks_have_arrivals_of_their_own(tmp_path: Path) -> None:
 
 def test_plans_are_kept_by_demand(tmp_path: Path) -> None:
     fixed = plan_file(tmp_path, needed(run("fixed", 5200.0, 4.0), named("fixed")))
-    assert fixed == tmp_path / "plans" / "fixed-5200-ratio4" / PLAN
+    assert fixed == tmp_path / "plans" / "fixed-5200-ratio4" / "plan.json"
+    fixed.parent.mkdir(parents=True)
+    write_plan(Plan(method="fixed", cycle_s=170.0, splits=(0.5, 0.5), left="permissive"), fixed)
+    assert at_bounds(tmp_path) == ["`fixed-5200-ratio4`: cycle_s 170, the largest tried"]
 
 
 def test_stopping_ends_what_runs_and_starts_nothing_more(tmp_path: Path) -> None:
@@ -93,17 +108,17 @@ def test_stopping_ends_what_runs_and_starts_nothing_more(tmp_path: Path) -> None
     def second(_processes: Processes) -> None:
         done.append("second")
 
-    processes = Processes(apart=True)
-    with pytest.raises(KeyboardInterrupt), schedule.interruptible(processes):
-        schedule._together("runs", [(1.0, first), (1.0, second)], 1, processes, QUIET)
+    both = Processes(apart=True)
+    with pytest.raises(KeyboardInterrupt), schedule.interruptible(both):
+        schedule._together("runs", [(1.0, first), (1.0, second)], 1, both, QUIET)
     assert done == ["first", "stopped"]
 
 
 def test_an_interrupted_run_is_no_result(tmp_path: Path) -> None:
-    processes = Processes()
-    processes.stop()
+    stopped = Processes()
+    stopped.stop()
     with pytest.raises(Stopped):
-        perform(run("all-way-stop"), Place(tmp_path, SETTINGS), processes)
+        perform(run("all-way-stop"), Place(tmp_path, SETTINGS), stopped)
     assert gather(tmp_path, SETTINGS) == []
 
 
@@ -115,6 +130,7 @@ def test_the_record_of_a_failure_goes_when_the_run_is_tried_again(tmp_path: Path
     (entry,) = gather(tmp_path, SETTINGS)
     assert entry["failed"] is None
     assert entry["duration_s"] == SETTINGS.duration_s
+    assert entry["machine"] == {"processor": machine().processor, "cores": cores(), "jobs": 1}
     assert json.loads((folder / "report.json").read_text())["method"] == "all-way-stop"
 
 

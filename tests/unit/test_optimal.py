@@ -14,7 +14,7 @@ from gameopt_im import optimal
 from gameopt_im.clock import Tick
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.manager import Manager
-from gameopt_im.optimal import Results
+from gameopt_im.optimal_results import Results, write
 from gameopt_im.options import ServeOptions
 from gameopt_im.recorder import Recorder
 from gameopt_im.rehearsal import Rehearsal
@@ -65,10 +65,51 @@ def test_no_order_is_better_than_the_optimum(recording: Path, tmp_path: Path) ->
 
 
 def test_sizes_grow_until_the_limit_is_hit(recording: Path) -> None:
-    (results,) = optimal.compare(recording, [12, 16, 20], 9, 1e-3)
+    *_, results = optimal.compare(recording, [12, 16, 20], 9, 1e-3)
     assert [size.vehicles for size in results.sizes] == [12]
     assert len(results.sizes[0].states) == optimal.GIVEN_UP
     assert not any(each.solved for each in results.sizes[0].states)
+    assert results.ended == "3 of 3 states of 12 vehicles not solved in 0.001 s"
+
+
+def test_it_says_that_there_are_no_larger_states(recording: Path) -> None:
+    *_, results = optimal.compare(recording, [4, 64], 1, 60.0)
+    assert [size.vehicles for size in results.sizes] == [4]
+    assert results.ended == "never 64 vehicles without a clearance at a time"
+
+
+def test_an_interrupted_comparison_goes_on_from_its_file(recording: Path, tmp_path: Path) -> None:
+    file = tmp_path / "optimal.json"
+    interrupted = next(optimal.compare(recording, [4, 6], 2, 60.0))
+    write(file, interrupted)
+    assert optimal.run([str(recording), "--sizes", "4,6", "--states", "2", "--json", str(file)]) == 0
+    results = msgspec.json.decode(file.read_bytes(), type=Results)
+    assert [size.vehicles for size in results.sizes] == [4, 6]
+    assert results.sizes[0] == interrupted.sizes[0], "what is there is not timed again"
+    assert (interrupted.ended, results.ended) == (None, "no more were asked for")
+    assert list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"limit_s": 1.0}, "holds results with limit_s 1.0, not 60.0; choose another --json"),
+        ({"digest": "other"}, "holds results with digest other, not"),
+        ({"states": "many"}, "not results that can be gone on from: Expected `int`"),
+    ],
+)
+def test_results_of_anything_else_are_not_gone_on_from(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict[str, object], message: str
+) -> None:
+    file = tmp_path / "optimal.json"
+    asked = [str(recording), "--sizes", "4", "--states", "1", "--json", str(file)]
+    assert optimal.run(asked) == 0
+    other = msgspec.json.encode(msgspec.json.decode(file.read_bytes()) | change)
+    file.write_bytes(other)
+    capsys.readouterr()
+    assert optimal.run(asked) == 2
+    assert f"gameopt_im.optimal: {file}: {message}" in capsys.readouterr().err
+    assert file.read_bytes() == other
 
 
 @pytest.mark.parametrize(

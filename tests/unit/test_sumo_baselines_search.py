@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from gameopt_sumo.baselines.plan import BaselineError, Kind, Plan, Stage
-from gameopt_sumo.baselines.search import Score, feasible, search, starts
+from gameopt_sumo.baselines.search import Score, at_bounds, feasible, search, starts
 from gameopt_sumo.baselines.tuning import read_search, tune
 from gameopt_sumo.baselines.webster import flow_ratios, webster
 from gameopt_sumo.scenarios import FourArm
@@ -63,8 +64,33 @@ def test_no_plan_is_looked_at_twice_and_every_one_can_be_driven() -> None:
     assert all(feasible(plan) for plan in asked)
     assert {plan.left for plan in asked} == {"protected", "permissive", "both"}
     assert {plan.right for plan in asked} == {"always", "with-straight"}
-    assert min(plan.cycle_s for plan in asked) >= 40.0
+    assert min(plan.cycle_s for plan in asked) >= 25.0
     assert max(plan.cycle_s for plan in asked) <= 170.0
+
+
+def test_short_cycles_short_yellow_and_no_all_red_are_looked_at() -> None:
+    """Short cycles, yellow of 3 s and no all red, if they are better."""
+
+    def short(plan: Plan) -> Score:
+        return (plan.cycle_s + 10.0 * (plan.yellow_s + plan.all_red_s),)
+
+    known = found(400, score=short)
+    best = min(known, key=known.__getitem__)
+    assert (best.yellow_s, best.all_red_s) == (3.0, 0.0)
+    assert best.cycle_s < 30.0
+
+
+def test_a_plan_at_a_bound_of_the_search_is_told() -> None:
+    plan = webster(DEMAND, "fixed", "protected", 90.0)
+    assert at_bounds(plan) == []
+    assert at_bounds(msgspec.structs.replace(plan, cycle_s=170.0, all_red_s=0.0)) == [
+        "cycle_s 170, the largest tried",
+        "all_red_s 0, the least tried",
+    ]
+    assert at_bounds(msgspec.structs.replace(plan, max_gap_s=5.0)) == [], "fixed lights have no gap"
+    assert at_bounds(msgspec.structs.replace(plan, method="actuated", max_gap_s=5.0)) == [
+        "max_gap_s 5, the largest tried"
+    ]
 
 
 def test_where_nothing_is_better_the_search_starts_again_elsewhere() -> None:

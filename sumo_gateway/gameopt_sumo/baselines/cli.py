@@ -14,12 +14,12 @@ import click
 import msgspec
 
 from gameopt_sumo.baselines.plan import BaselineError, Kind, Plan, PlanError, read_plan
+from gameopt_sumo.exit_codes import EXIT_BAD_INPUT, EXIT_COLLIDED
+from gameopt_sumo.files import FileError, complaint
 from gameopt_sumo.network import NetworkError
 from gameopt_sumo.run_files import SimulationError, net_file_of
 from gameopt_sumo.scenarios import FourArm, ScenarioError
 
-EXIT_BAD_INPUT = 2
-EXIT_COLLISION = 4
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 _SEED = click.IntRange(0, 2**31 - 1)
 _Command = TypeVar("_Command", bound=Callable[..., Any])
@@ -103,7 +103,7 @@ def run(config: Path, method: str, plan: Path | None, name: str | None, report: 
         raise click.FileError(str(report), error.strerror) from None
     if made.collided():
         _complain("vehicles collided; see the report")
-        return EXIT_COLLISION
+        return EXIT_COLLIDED
     return 0
 
 
@@ -187,8 +187,10 @@ def main() -> None:
         code = 128 + signal.SIGINT
     except click.ClickException as error:
         code = _complain(error.format_message())
-    except (BaselineError, NetworkError, ScenarioError, SimulationError) as error:
+    except (BaselineError, FileError, NetworkError, ScenarioError, SimulationError) as error:
         code = _complain(str(error))
+    except OSError as error:
+        code = _complain(complaint(error))
     sys.exit(code)
 
 

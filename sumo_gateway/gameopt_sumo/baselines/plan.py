@@ -8,6 +8,8 @@ from typing import Annotated, Literal, NamedTuple
 import msgspec
 from msgspec import Meta
 
+from gameopt_sumo.files import write_whole
+
 Kind = Literal["fixed", "actuated"]
 Left = Literal["protected", "permissive", "both"]
 Right = Literal["always", "with-straight"]
@@ -98,5 +100,5 @@ def read_plan(file: Path, method: Kind) -> Plan:
 
 
 def write_plan(plan: Plan, file: Path) -> None:
-    """Keep a plan as indented JSON."""
-    file.write_bytes(msgspec.json.format(msgspec.json.encode(plan), indent=2) + b"\n")
+    """Keep a plan as indented JSON, whole or not at all. Raises `FileError`."""
+    write_whole(file, msgspec.json.format(msgspec.json.encode(plan), indent=2) + b"\n")

@@ -11,7 +11,7 @@ from importlib import metadata
 import msgspec
 
 from gameopt_sumo.baselines.watch import Watched
-from gameopt_sumo.figures import ClassFigures, Safety, TimeLoss, TimeToGoal, VehicleCounts
+from gameopt_sumo.figures import COLLISIONS, ClassFigures, Safety, TimeLoss, TimeToGoal, VehicleCounts
 from gameopt_wire import WIRE_VERSION
 
 SCHEMA = "gameopt-report/1"
@@ -54,7 +54,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
 
     def collided(self) -> bool:
         """Whether any count saw a collision, or a vehicle was teleported out of one."""
-        return any((self.safety.collisions_sumo, self.safety.collisions_geometric, self.safety.teleports))
+        return any(getattr(self.safety, name) for name in COLLISIONS)
 
     def to_json(self) -> bytes:
         """The report as indented JSON."""

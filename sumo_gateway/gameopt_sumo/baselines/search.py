@@ -1,7 +1,8 @@
 """Looking for the best plan with a fixed number of trials.
 
 Webster's plans come first, for every way to turn left and several cycles. From the best of them, descent over one
-block of coordinates after the other (cycle and left; splits; right, all red, and what actuated lights have beside):
+block of coordinates after the other (cycle and left; splits; right, all red, yellow, and what actuated lights have
+beside):
 each coordinate is changed both ways, and the best change of the block is made if it is one for the better. Steps
 halve when nothing is gained; then the search begins again from a plan drawn at random, until the budget is spent.
 The same demand and budget look at the same plans, however many are tried at a time.
@@ -29,7 +30,7 @@ _FIRST_STEP, _LAST_STEP = 1.0, 0.25
 _START_CYCLES_S = (None, 60.0, 90.0, 120.0, 170.0)
 _ACTUATED_STARTS_S = tuple((cycle_s, gap_s) for cycle_s in (None, 90.0, 170.0) for gap_s in (2.5, 5.0))
 """Cycles to begin with, None for Webster's own; of actuated lights the longest cycle, and the gap that ends a green."""
-_STEPS_S = {"all_red_s": (1.0, 1.0, 4.0)}
+_STEPS_S = {"all_red_s": (1.0, 0.0, 4.0), "yellow_s": (1.0, 3.0, 6.0)}
 _ACTUATED_STEPS_S = {"max_gap_s": (1.0, 1.0, 5.0), "min_green_s": (8.0, 4.0, 60.0), "detector_gap_s": (1.0, 1.0, 4.0)}
 """Of the times beside the cycle: the first step, the least and the largest."""
 
@@ -83,6 +84,20 @@ def feasible(plan: Plan) -> bool:
     return True
 
 
+def at_bounds(plan: Plan) -> list[str]:
+    """The times of a plan that lie at the least or the largest looked at: a better one may lie beyond."""
+    bounds = {"cycle_s": CYCLE_S}
+    bounds |= {name: (least, most) for name, (_, least, most) in _steps_s(plan).items()}
+    found = []
+    for name, (least, most) in bounds.items():
+        value = getattr(plan, name)
+        if value <= least:
+            found.append(f"{name} {value:g}, the least tried")
+        elif value >= most:
+            found.append(f"{name} {value:g}, the largest tried")
+    return found
+
+
 def drawn(demand: FourArm, like: Plan, rng: np.random.Generator) -> Plan:
     """A plan drawn at random: any cycle, any way to turn left, splits about Webster's."""
     choices = lefts(demand)
@@ -121,12 +136,15 @@ def _times(demand: FourArm, plan: Plan, step: float) -> list[Plan]:
     del demand
     other = "with-straight" if plan.right == "always" else "always"
     found = [msgspec.structs.replace(plan, right=other)]
-    times = _STEPS_S | (_ACTUATED_STEPS_S if plan.method == "actuated" else {})
-    for name, (change, least, most) in times.items():
+    for name, (change, least, most) in _steps_s(plan).items():
         for sign in (1.0, -1.0):
             value = min(max(getattr(plan, name) + sign * change * step, least), most)
             found.append(msgspec.structs.replace(plan, **{name: round(value, 2)}))
     return found
+
+
+def _steps_s(plan: Plan) -> dict[str, tuple[float, float, float]]:
+    return _STEPS_S | (_ACTUATED_STEPS_S if plan.method == "actuated" else {})
 
 
 def _with_cycle(plan: Plan, cycle_s: float) -> Plan:

@@ -22,6 +22,7 @@ import msgspec
 from gameopt_sumo.baselines.plan import BaselineError, Kind, Plan, write_plan
 from gameopt_sumo.baselines.search import Score, search, starts
 from gameopt_sumo.baselines.trial import Trial
+from gameopt_sumo.files import read_json, write_whole
 from gameopt_sumo.scenarios import FourArm, write_four_arm
 
 SEARCH_FILE, PLAN_FILE, SETTINGS_FILE = "search.jsonl", "plan.json", "settings.json"
@@ -93,7 +94,8 @@ def tune(
     """Look at `budget` plans for `demand`, `jobs` at a time; the file with the best.
 
     Every plan drives the arrivals of all `seeds`. A plan already in the folder's record is not tried again, so an
-    interrupted search goes on where it was. Raises `BaselineError`, also for a folder that belongs to another search.
+    interrupted search goes on where it was. Raises `BaselineError`, also for a folder that belongs to another search,
+    and `FileError`.
     """
     tuning = Tuning(demand, method, tuple(seeds), duration_s, warmup_s, out)
     out.mkdir(parents=True, exist_ok=True)
@@ -108,9 +110,9 @@ def tune(
 def _claim(file: Path, settings: dict[str, Any]) -> None:
     """A folder holds one search."""
     if not file.exists():
-        file.write_bytes(msgspec.json.format(msgspec.json.encode(settings), indent=2) + b"\n")
+        write_whole(file, msgspec.json.format(msgspec.json.encode(settings), indent=2) + b"\n")
         return
-    kept = msgspec.json.decode(file.read_bytes())
+    kept = read_json(file, dict[str, Any])
     different = next((name for name, value in settings.items() if kept.get(name) != value), None)
     if different is not None:
         raise BaselineError(

@@ -15,7 +15,7 @@ from gameopt_sumo.scenarios import FourArm
 
 SATURATION_VEH_H = 1800.0
 """What a lane lets through in an hour of green."""
-CYCLE_S = (40.0, 170.0)
+CYCLE_S = (25.0, 170.0)
 """Shortest and longest cycle looked at."""
 CLEARING_S = 2.0
 """All red after left turns through gaps: with 1 s, trucks that used the last gap were still on their way out."""
@@ -48,7 +48,7 @@ def flow_ratios(demand: FourArm, stages: Sequence[Stage]) -> list[float]:
 def webster(demand: FourArm, method: Kind, left: Left, cycle_s: float | None = None) -> Plan:
     """Webster's cycle C = (1.5 L + 5) / (1 - Y), or one that is given, and splits in proportion to y.
 
-    L is the time lost to yellow and all red, Y the sum of the y.
+    L is the time lost to yellow and all red, Y the sum of the y. No cycle is too short for every stage's least green.
     """
     plan = Plan(
         method=method,
@@ -62,7 +62,8 @@ def webster(demand: FourArm, method: Kind, left: Left, cycle_s: float | None = N
     lost_s, total = len(stages) * (plan.yellow_s + plan.all_red_s), sum(ratios)
     if cycle_s is None:
         cycle_s = (1.5 * lost_s + 5.0) / (1.0 - min(total, _LONGEST_AT))
-    cycle_s = float(round(min(max(cycle_s, CYCLE_S[0]), CYCLE_S[1])))
+    shortest_s = max(CYCLE_S[0], lost_s + len(stages) * plan.min_green_s)
+    cycle_s = float(round(min(max(cycle_s, shortest_s), CYCLE_S[1])))
     least = min(plan.min_green_s / (cycle_s - lost_s), 1.0 / len(stages))
     return msgspec.structs.replace(plan, cycle_s=cycle_s, splits=rounded(_at_least(ratios, least)))
 

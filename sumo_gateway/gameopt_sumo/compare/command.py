@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gameopt_sumo.exit_codes import EXIT_COLLIDED, EXIT_FAILED
+
 if TYPE_CHECKING:
     from gameopt_sumo.compare.experiments import Experiment
     from gameopt_sumo.compare.runs import Place, Run
 
-EXIT_FAILED = 1
-EXIT_COLLIDED = 4
 COMMANDS = "commands.txt"
 EXPERIMENTS = ("flows", "unbalanced", "preferences", "ablation", "computation", "drift")
 _EPILOG = (
@@ -106,7 +106,7 @@ def _compare(out: Path, jobs: int | None, sumo: Path | None, **options: Any) -> 
             with schedule.interruptible(processes):
                 run_now = schedule.carry_out(place, runs, jobs or max(1, cores() // 2), processes, console)
                 if experiment.computation:
-                    computation.measure(out, processes, console)
+                    computation.measure(place, processes, console)
         except KeyboardInterrupt:
             whole = sum(map(place.done, runs))
             click.echo(f"interrupted: {whole} of {len(runs)} runs are whole; the same command goes on", err=True)
@@ -188,15 +188,15 @@ def _settings(
 
 def _conclude(place: Place, runs: list[Run], run_now: int, computation_asked: bool) -> int:
     """Write everything that can be read off the folder; the exit code of what was asked for."""
-    from gameopt_sumo.compare import computation, page, plots, results
+    from gameopt_sumo.compare import computation, page, plans, plots, results
     from gameopt_sumo.compare.methods import named
-    from gameopt_sumo.compare.settings import write_whole
+    from gameopt_sumo.files import write_whole
 
     out = place.out
     entries = results.gather(out, place.settings)
     computed = computation.read(out)
     results.write(out, entries)
-    made = page.Made(_commands(out), datetime.now(UTC), plots.draw(out, entries, computed))
+    made = page.Made(_commands(out), datetime.now(UTC), plots.draw(out, entries, computed), plans.at_bounds(out))
     write_whole(out / "report.md", page.page(entries, place.settings, computed, made).encode())
     asked = {run.name for run in runs}
     mine = [entry for entry in entries if entry["run"] in asked]
@@ -213,7 +213,7 @@ def _conclude(place: Place, runs: list[Run], run_now: int, computation_asked: bo
 
 def _note_command(out: Path) -> None:
     """Keep this command line beside those that have added to the folder, unless it is there; before anything runs."""
-    from gameopt_sumo.compare.settings import write_whole
+    from gameopt_sumo.files import write_whole
 
     commands = dict.fromkeys((*_commands(out), shlex.join(["gameopt-sumo", *sys.argv[1:]])))
     write_whole(out / COMMANDS, ("\n".join(commands) + "\n").encode())

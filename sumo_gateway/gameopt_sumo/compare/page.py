@@ -27,6 +27,8 @@ class Made(NamedTuple):
     """Every command that has added to the folder."""
     date: datetime
     plots: Sequence[str]
+    at_bounds: Sequence[str] = ()
+    """Tuned plans at a bound of their search."""
 
 
 _COLUMNS = (
@@ -53,6 +55,7 @@ def page(entries: Sequence[Entry], settings: Settings, computation: Computation 
     parts = [head(entries, settings, made.commands, made.date), _failed(entries, computation), _collided(entries)]
     judged = [_claims(entries, ours, computation) for ours in OURS if whole(entries, method=ours)]
     parts += [_RULES, *judged] if any(judged) else []
+    parts.append(_at_bounds(made.at_bounds))
     parts += [_view(view, made.plots) for view in views(entries)]
     parts += [_ablation(flow, group, made.plots) for flow, group in ablations(entries).items()]
     if computation is not None:
@@ -209,11 +212,15 @@ def _computation(computation: Computation, plots: Sequence[str]) -> str:
         lines = [f"| {d.vehicles:g} | {d.p50_ms:.2f} | {d.p99_ms:.2f} |" for d in computation.decisions]
         head = "| vehicles | median ms | 99th percentile ms |\n| ---: | ---: | ---: |"
         parts.append(f"Decision, snapshot in and commands out, on made-up traffic:\n\n{head}\n" + "\n".join(lines))
-    if (growth := computation.growth) is not None:
-        fit = f"{growth.constant_ms:.2f} ms + {1000.0 * growth.slope_ms:.2f} us n log2 n (R^2 {growth.r_squared:.3f})"
-        parts.append(f"Least-squares fit of the median: {fit}.")
+    if growths := computation.growths:
+        fits = (f"{g.constant_ms:.2f} ms + {1e3 * g.slope_ms:.3g} us {g.term} (R^2 {g.r_squared:.4f})" for g in growths)
+        parts.append(f"Least-squares fits of the median: {'; '.join(fits)}.")
     if computation.joint:
         parts.append(_joint(computation.joint))
+    if computation.ended is not None:
+        parts.append(f"More vehicles were not tried: {computation.ended}.")
+    if (machine := computation.machine) is not None:
+        parts.append(f"Measured on {machine.processor}, {machine.cores} cores.")
     if "computation" in plots:
         parts.append(f"- [decision time against vehicles]({FOLDER}/computation.png)")
     return "\n\n".join(parts)
@@ -232,3 +239,10 @@ def _joint(sizes: Sequence[Joint]) -> str:
         "The joint program of order and speeds (SCIP) against the paper's auction and its QPs, with reduced and with "
         f"full lateral rows, on the same recorded states; medians:\n\n{head}\n" + "\n".join(lines)
     )
+
+
+def _at_bounds(lines: Sequence[str]) -> str:
+    if not lines:
+        return ""
+    listed = "\n".join(f"- {line}" for line in lines)
+    return f"## Lights at a bound of the search\n\nBetter plans may lie beyond:\n\n{listed}"

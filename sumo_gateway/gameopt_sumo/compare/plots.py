@@ -101,7 +101,7 @@ def _ablation_figure(group: dict[str, list[Entry]]) -> Any:
 
 
 def _computation_figure(computation: Computation) -> Any:
-    """Decision time against vehicles on logarithmic axes, with the n log n that fits it."""
+    """Decision time against vehicles on logarithmic axes, with the growth that fits it best."""
     from matplotlib.figure import Figure as Canvas
 
     canvas = Canvas(figsize=(6.4, 4.4), layout="constrained")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import platform
+import re
 import signal
 import socket
 import subprocess
@@ -13,8 +15,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+import msgspec
+
 BIN = Path(sys.executable).parent
 """Where the commands of this installation are."""
+MANAGER_LOG, VEHICLES_LOG = "manager.log", "vehicles.log"
 STOP_S = 30.0
 """A process that has not ended this long after it was asked to is killed."""
 
@@ -65,23 +70,31 @@ class Processes:
     def two(self, serve: Sequence[Any], drive: Sequence[Any], folder: Path) -> Ran:
         """`gameopt-im serve` and `gameopt-vehicles` with these options, over Zenoh on a port of their own.
 
-        Their logs go to `folder`. Raises `ProcessError` if the manager does not serve, and `Stopped`.
+        Their logs go to `folder`. Raises `ProcessError` if the manager does not serve, or not to the end, and
+        `Stopped`.
         """
         endpoint = f"tcp/127.0.0.1:{_free_port()}"
         command = [BIN / "gameopt-im", "serve", "--listen", endpoint, *serve]
-        with (folder / "manager.log").open("w") as log:
-            with self._started(command, stdout=log, stderr=subprocess.PIPE) as manager:
-                assert manager.stderr is not None
-                self._await_serving(manager.stderr, log)
-                rest = threading.Thread(target=log.writelines, args=[manager.stderr])
-                rest.start()
-                try:
-                    vehicles = [BIN / "gameopt-vehicles", "--connect", endpoint, *drive]
-                    code = self.run(vehicles, folder / "vehicles.log")
-                finally:
-                    _end(manager)
-                    rest.join()
-            return Ran(manager.pid, code)
+        with (
+            (folder / MANAGER_LOG).open("w") as log,
+            self._started(command, stdout=log, stderr=subprocess.PIPE) as manager,
+        ):
+            assert manager.stderr is not None
+            self._await_serving(manager.stderr, log)
+            rest = threading.Thread(target=log.writelines, args=[manager.stderr])
+            rest.start()
+            try:
+                vehicles = [BIN / "gameopt-vehicles", "--connect", endpoint, *drive]
+                code = self.run(vehicles, folder / VEHICLES_LOG)
+            finally:
+                _end(manager)
+                rest.join()
+        self.check()  # whoever was asked to stop may have ended in any way
+        if manager.returncode != 0:
+            raise ProcessError(
+                f"the manager ended with exit code {manager.returncode}: {last_line(folder / MANAGER_LOG)}"
+            )
+        return Ran(manager.pid, code)
 
     def _await_serving(self, lines: IO[str], log: IO[str]) -> None:
         last = "the manager ended before it served"
@@ -125,14 +138,29 @@ class Processes:
             raise Stopped
 
 
-def two_processes(serve: Sequence[Any], drive: Sequence[Any], folder: Path) -> Ran:
-    """Manager and vehicles with these options, each in a process of its own, their logs in `folder`."""
-    return Processes().two(serve, drive, folder)
-
-
 def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Machine(msgspec.Struct, frozen=True):
+    """What times were taken on, and how many runs at a time it had."""
+
+    processor: str
+    """By its name, as far as the system tells it."""
+    cores: int
+    jobs: int
+
+
+def machine(jobs: int = 1) -> Machine:
+    """This one."""
+    return Machine(_processor(), cores(), jobs)
+
+
+def _processor() -> str:
+    cpus = Path("/proc/cpuinfo")  # Linux; elsewhere Python asks the system
+    named = re.search(r"^model name\s*:\s*(.+)$", cpus.read_text(), re.MULTILINE) if cpus.exists() else None
+    return named[1] if named else platform.processor() or platform.machine()
 
 
 def last_line(*logs: Path) -> str:

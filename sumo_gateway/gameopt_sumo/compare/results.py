@@ -8,19 +8,21 @@ import math
 import statistics
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import msgspec
 from scipy import stats
 
 from gameopt_sumo.baselines.report import Report
-from gameopt_sumo.compare.runs import FAILED, MANAGER, REPORT, RUN, Run, read_report
-from gameopt_sumo.compare.settings import Settings, SettingsError, write_whole
+from gameopt_sumo.compare.runs import FAILED, MACHINE, MANAGER, REPORT, RUN, Failure, Run, read_report
+from gameopt_sumo.compare.settings import Settings
+from gameopt_sumo.figures import COLLISIONS
+from gameopt_sumo.files import read_json, write_whole
 
 Entry = dict[str, Any]
-_T = TypeVar("_T")
-OWN_FIELDS = ("run", "knob", "value", "manager_pid", "failed")
-"""What an entry has beside the report: the run's folder, what was varied, the manager's process, why it failed."""
+OWN_FIELDS = ("run", "knob", "value", "manager_pid", "machine", "failed")
+"""What an entry has beside the report: the run's folder, what was varied, the manager's process, the machine and how
+many runs at a time it had, why it failed."""
 
 
 class Figure(NamedTuple):
@@ -38,31 +40,25 @@ class Figure(NamedTuple):
 def gather(out: Path, settings: Settings) -> list[Entry]:
     """Every run of the folder that went to its end or failed, in order; interrupted ones are not in it.
 
-    Raises `SettingsError` that names a damaged file.
+    Raises `FileError`.
     """
     found = []
     for path in sorted((out / "runs").glob(f"*/{RUN}")):
-        run = _read(path, Run)
-        report = read_report(path.with_name(REPORT), settings.duration_s)
-        failure = path.with_name(FAILED)
-        if report is not None:
-            manager = path.with_name(MANAGER)
-            started = _read(manager, dict[str, int]) if manager.exists() else {}
-            found.append((run, _entry(run, report, started.get("manager_pid"), None)))
-        elif failure.exists():
-            found.append((run, _entry(run, {}, None, _read(failure, dict[str, str]).get("reason", "unknown"))))
+        run, folder = read_json(path, Run), path.parent
+        if (report := read_report(folder / REPORT, settings.duration_s)) is not None:
+            manager, machine = (_kept(folder / name) for name in (MANAGER, MACHINE))
+            found.append((run, _entry(run, report, manager_pid=manager.get("manager_pid"), machine=machine or None)))
+        elif (folder / FAILED).exists():
+            found.append((run, _entry(run, {}, failed=read_json(folder / FAILED, Failure).reason)))
     found.sort(key=lambda pair: _order(pair[0]))
     return [{name: entry.get(name) for name in (*Report.__struct_fields__, *OWN_FIELDS)} for _, entry in found]
 
 
-def _read(path: Path, kind: type[_T]) -> _T:
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=kind)
-    except (OSError, msgspec.DecodeError) as error:
-        raise SettingsError(f"{path}: damaged: {error}; remove its folder, and the run is made again") from None
+def _kept(path: Path) -> dict[str, Any]:
+    return read_json(path, dict[str, Any]) if path.exists() else {}
 
 
-def _entry(run: Run, report: dict[str, Any], manager_pid: int | None, failed: str | None) -> Entry:
+def _entry(run: Run, report: dict[str, Any], **own: Any) -> Entry:
     return {
         **report,
         "method": run.method,
@@ -72,8 +68,7 @@ def _entry(run: Run, report: dict[str, Any], manager_pid: int | None, failed: st
         "run": run.name,
         "knob": run.knob,
         "value": run.value,
-        "manager_pid": manager_pid,
-        "failed": failed,
+        **own,
     }
 
 
@@ -153,5 +148,5 @@ def _pairs(entries: Sequence[Entry], against: Sequence[Entry], path: str) -> Ite
 
 def collided(entries: Iterable[Entry]) -> list[Entry]:
     """Runs, under whatever control, in which any count saw a collision or a teleport."""
-    counts = ("safety.collisions_sumo", "safety.collisions_geometric", "safety.teleports")
+    counts = [f"safety.{name}" for name in COLLISIONS]
     return [e for e in whole(entries) if any(at(e, name) for name in counts)]

@@ -12,14 +12,14 @@ import msgspec
 from gameopt_sumo.baselines.report import SCHEMA
 from gameopt_sumo.compare import plans
 from gameopt_sumo.compare.methods import Method, named
-from gameopt_sumo.compare.processes import ProcessError, Processes, last_line
-from gameopt_sumo.compare.settings import Settings, write_whole
+from gameopt_sumo.compare.processes import MANAGER_LOG, VEHICLES_LOG, ProcessError, Processes, last_line, machine
+from gameopt_sumo.compare.settings import Settings
+from gameopt_sumo.exit_codes import EXIT_COLLIDED
+from gameopt_sumo.files import write_whole
 from gameopt_sumo.run_files import net_file_of
 from gameopt_sumo.scenarios import CONFIG_FILE, NET_FILE, FourArm, write_four_arm
 
-RUN, REPORT, MANAGER, FAILED = "run.json", "report.json", "manager.json", "failed.json"
-COLLIDED = 4
-"""Exit code of a run that went to its end and saw a collision."""
+RUN, REPORT, MANAGER, FAILED, MACHINE = "run.json", "report.json", "manager.json", "failed.json", "machine.json"
 PROBE = "taxi"
 PROBE_SHARE = 0.1
 """Cars with an aggressiveness of their own are a class of their own, so that the report shows them apart."""
@@ -48,6 +48,12 @@ class Run(msgspec.Struct, frozen=True, kw_only=True):
     def knob_is(self, name: str) -> float | None:
         """The knob's value, if it is this one."""
         return self.value if self.knob == name else None
+
+
+class Failure(msgspec.Struct, frozen=True):
+    """Why a run has no report."""
+
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -101,23 +107,24 @@ def _classes(run: Run) -> dict[str, float]:
     return shares
 
 
-def perform(run: Run, place: Place, processes: Processes) -> None:
-    """Run it and leave its report, or why there is none. Raises `Stopped`."""
+def perform(run: Run, place: Place, processes: Processes, jobs: int = 1) -> None:
+    """Run it, one of `jobs` at a time, and leave its report, or why there is none. Raises `Stopped`, `FileError`."""
     folder = place.folder(run)
     folder.mkdir(parents=True, exist_ok=True)
-    for name in (REPORT, FAILED, MANAGER):
+    for name in (REPORT, FAILED, MANAGER, MACHINE):
         (folder / name).unlink(missing_ok=True)
     write_whole(folder / RUN, msgspec.json.encode(run))
+    write_whole(folder / MACHINE, msgspec.json.encode(machine(jobs)))
     partial = folder / "report.part.json"
     partial.unlink(missing_ok=True)
     try:
         method = named(run.method)
         drive = _ours if method.ours else _by_sumo
         code = drive(run, method, place, partial, processes)
-        if code not in (0, COLLIDED) or read_report(partial, place.settings.duration_s) is None:
-            raise ProcessError(last_line(folder / "vehicles.log", folder / "manager.log"))
+        if code not in (0, EXIT_COLLIDED) or read_report(partial, place.settings.duration_s) is None:
+            raise ProcessError(last_line(folder / VEHICLES_LOG, folder / MANAGER_LOG))
     except ProcessError as error:
-        write_whole(folder / FAILED, msgspec.json.encode({"reason": str(error)}))
+        write_whole(folder / FAILED, msgspec.json.encode(Failure(str(error))))
         return
     partial.rename(folder / REPORT)
 
@@ -158,7 +165,7 @@ def _by_sumo(run: Run, method: Method, place: Place, report: Path, processes: Pr
     if settings.junction is not None:
         command += ["--junction", settings.junction]
     command += [*_timing(run, settings), "--report", report]
-    return processes.run(command, place.folder(run) / "vehicles.log")
+    return processes.run(command, place.folder(run) / VEHICLES_LOG)
 
 
 def _timing(run: Run, settings: Settings) -> list[Any]:

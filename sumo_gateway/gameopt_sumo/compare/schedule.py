@@ -16,8 +16,8 @@ from gameopt_sumo.compare import plans
 from gameopt_sumo.compare.methods import named
 from gameopt_sumo.compare.plans import Tuning
 from gameopt_sumo.compare.processes import Processes, Stopped
-from gameopt_sumo.compare.runs import FAILED, RUN, Place, Run, perform
-from gameopt_sumo.compare.settings import write_whole
+from gameopt_sumo.compare.runs import FAILED, RUN, Failure, Place, Run, perform
+from gameopt_sumo.files import write_whole
 
 Work = Callable[[Processes], None]
 
@@ -34,7 +34,9 @@ def carry_out(place: Place, runs: Sequence[Run], jobs: int, processes: Processes
     tunings = sorted({plans.needed(run, method) for run in todo if (method := named(run.method)).plan})
     wrong = _tune(place, tunings, jobs, processes, console)
     ready = [run for run in todo if not _spoiled(run, place, wrong)]
-    _together("runs", [(_cost(run), partial(perform, run, place)) for run in ready], jobs, processes, console)
+    _together(
+        "runs", [(_cost(run), partial(perform, run, place, jobs=jobs)) for run in ready], jobs, processes, console
+    )
     return len(todo)
 
 
@@ -62,7 +64,7 @@ def _spoiled(run: Run, place: Place, wrong: dict[Tuning, str]) -> bool:
     folder = place.folder(run)
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / RUN, msgspec.json.encode(run))
-    write_whole(folder / FAILED, msgspec.json.encode({"reason": f"its lights could not be tuned: {reason}"}))
+    write_whole(folder / FAILED, msgspec.json.encode(Failure(f"its lights could not be tuned: {reason}")))
     return True
 
 

@@ -14,6 +14,7 @@ import msgspec
 
 from gameopt_sumo.baselines.report import SCHEMA as REPORT_SCHEMA
 from gameopt_sumo.compare.sources import OPTIONAL
+from gameopt_sumo.files import write_whole
 
 SCHEMA = "gameopt-compare/1"
 FILE, LOCK = "settings.json", ".lock"
@@ -112,13 +113,6 @@ def _flat(settings: bytes) -> dict[str, Any]:
     versions = decoded.pop("versions", {})
     kept = {name: value for name, value in decoded.items() if name not in PLACES}
     return kept | {f"versions.{name}": version for name, version in versions.items()}
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all."""
-    partial = path.with_name(path.name + ".part")
-    partial.write_bytes(content)
-    partial.replace(path)
 
 
 @contextmanager

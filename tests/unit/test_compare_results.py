@@ -23,7 +23,6 @@ from gameopt_sumo.compare.page import Made, page
 from gameopt_sumo.compare.results import OWN_FIELDS, at, change, collided, figure, gather, whole, write
 from gameopt_sumo.compare.runs import Place, Run
 from gameopt_sumo.compare.views import ablations, views
-from gameopt_sumo.files import FileError
 
 NOW = datetime(2026, 1, 2, tzinfo=UTC)
 
@@ -55,14 +54,6 @@ def test_what_was_interrupted_or_is_of_another_schema_is_no_result(tmp_path: Pat
     put(tmp_path, run(seed=105), report())
     assert [entry["seed"] for entry in gather(tmp_path, SETTINGS)] == [105]
     assert [place.done(run(seed=seed)) for seed in range(101, 106)] == [False] * 4 + [True]
-
-
-@pytest.mark.parametrize("name", ["run.json", "manager.json", "failed.json"])
-def test_a_damaged_file_is_named(tmp_path: Path, name: str) -> None:
-    folder = put(tmp_path, run(), None if name == "failed.json" else report(), failed="bad luck")
-    (folder / name).write_text('{"rea')
-    with pytest.raises(FileError, match=rf"seed101/{name}: damaged"):
-        gather(tmp_path, SETTINGS)
 
 
 def test_a_failed_run_is_listed_and_in_no_mean(tmp_path: Path) -> None:

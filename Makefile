@@ -15,7 +15,7 @@ help:
 	@echo "make explore  the property tests on new random cases, many more of them"
 	@echo "make bench    how long decisions take, on recorded and on made-up traffic; ten minutes"
 	@echo "make figures  the measured tables of docs/results; takes hours"
-	@echo "make compare  every method on the same arrivals, two flows, one seed; six minutes; out/compare/report.md"
+	@echo "make compare  every method on the same arrivals, two flows, one seed; four minutes; out/compare/report.md"
 	@echo "make compare-full  all experiments of the paper, three seeds; takes hours, and goes on where it was"
 	@echo "make any-junction  other junctions against their own control; half an hour"
 

@@ -115,34 +115,30 @@ class DefaultProfile:
         return self._ended.end.carried_over(np.array([row.get(vehicle, -1) for vehicle in vehicles]))
 
     def choose(self, proposal: Proposal, results: Sequence[Outcome | None]) -> Winner | None:
-        """Least predicted weighted delay plus a weight times J; the incumbent on the approach law if all are out."""
+        """Least predicted weighted delay plus a weight times J; the incumbent without a program if all are out.
+
+        Where no programs are solved, J is left out.
+        """
         if proposal.problem is None:
             return None
         options: Sequence[Candidate] = proposal.candidates
+        objectives: list[float | None] = [None if result is None else result.objective for result in results]
         if not self._parameters.program.solve:
-            return self._unsolved(proposal, proposal.problem)
-        objectives = [None if result is None else result.objective for result in results]
+            objectives = [0.0] * len(options)
         best = planning.select(options, objectives, self._parameters)
         option = options[best or 0]
-        outcome = results[best] if best is not None else None
-        speeds = outcome.speeds if outcome is not None else self._approach(proposal.problem, option)
+        outcome = results[best] if results and best is not None else None
+        speeds = outcome.speeds if outcome is not None else self._unsolved(proposal.problem, option)
         if isinstance(outcome, HorizonOutcome):
             row = {vehicle: k for k, vehicle in enumerate(proposal.vehicles)}
             self._ended = Ended(proposal.cycle, row, outcome.end)
         bids = proposal.who.bids[max(option.weights, 0)]
         return Winner(option.weights, option.delay, option.order, option.slots, speeds, bids)
 
-    def _unsolved(self, proposal: Proposal, problem: Demand) -> Winner:
-        """Least predicted weighted delay, without J: on the approach law, or full ahead up to the line."""
-        options: Sequence[Candidate] = proposal.candidates
-        option = options[planning.select(options, [0.0] * len(options), self._parameters) or 0]
-        waits = self._parameters.planner.upstream
-        speeds = self._approach(problem, option) if waits else np.minimum(problem.top, problem.v + problem.a * STEP_S)
-        bids = proposal.who.bids[max(option.weights, 0)]
-        return Winner(option.weights, option.delay, option.order, option.slots, speeds, bids)
-
-    def _approach(self, problem: Demand, option: Candidate) -> Floats:
-        """The approach law's own next speeds, where no program has a solution."""
+    def _unsolved(self, problem: Demand, option: Candidate) -> Floats:
+        """The next speeds without a program: the approach law's own, or full ahead for who does not wait upstream."""
+        if not self._parameters.planner.upstream:
+            return np.minimum(problem.top, problem.v + problem.a * STEP_S)
         speeds, _, _ = corridor.reference(
             problem.s, problem.v, option.slots, problem.a, problem.b, problem.top, problem.line_cap,
             self._rules.manner, np.array([STEP_S]),

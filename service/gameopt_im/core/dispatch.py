@@ -91,7 +91,7 @@ def schedules(demand: Demand, rules: Rules, bids: Floats, order: Ints) -> tuple[
 
 
 @kernel
-def scheduled(demand: Demand, rules: Rules, orders: Ints) -> tuple[Floats, Floats]:
+def slots_of(demand: Demand, rules: Rules, orders: Ints) -> tuple[Floats, Floats]:
     """(slots, line speeds), both (C, n), of the given lane-respecting orders (C, n)."""
     course, unused = course_of(demand), np.zeros(orders.shape[1])
     slots, lines = np.empty(orders.shape), np.empty(orders.shape)

@@ -10,7 +10,7 @@ import numpy as np
 
 from gameopt_im.core import auction, bids
 from gameopt_im.core.conflicts import Ground, groups
-from gameopt_im.core.dispatch import scheduled, schedules
+from gameopt_im.core.dispatch import schedules, slots_of
 from gameopt_im.core.horizon import HorizonRules, HorizonTask, platoons
 from gameopt_im.core.interlock import UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER, kernel, manner_of
@@ -199,7 +199,7 @@ def _schedules(problem: Demand, seconds: Floats, given: Ints, parameters: Parame
     lines = auction.queues(problem.lane, problem.s, problem.arrival)
     bids = seconds if rule == "sorted" else -problem.arrival[None].astype(np.float64)
     orders = np.concatenate((given[None], auction.lane_orders(bids, lines)))
-    return orders, *scheduled(problem, rules, orders)
+    return orders, *slots_of(problem, rules, orders)
 
 
 @kernel

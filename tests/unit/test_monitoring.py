@@ -12,7 +12,7 @@ import yaml
 
 from gameopt_im.vitals import WHOLE, Vitals
 from gameopt_im.web import reference
-from gameopt_im.web.metrics import ABOUT, registry_of
+from gameopt_im.web.metrics import ABOUT, PROCESS, Everything, ManagerCollector
 
 ROOT = Path(__file__).parents[2]
 DEPLOY = ROOT / "deploy"
@@ -40,8 +40,8 @@ def exposed() -> dict[str, set[str]]:
     vitals = Vitals("wall")
     for stage in (WHOLE, "ingest"):
         vitals.stages.observe(stage, 0.01)
-    registry = registry_of(vitals, dict.fromkeys(ABOUT, ""))
-    return {sample.name: set(sample.labels) for metric in registry.collect() for sample in metric.samples}
+    everything = Everything(ManagerCollector(vitals, dict.fromkeys(ABOUT, "")), PROCESS.collect())
+    return {sample.name: set(sample.labels) for metric in everything.collect() for sample in metric.samples}
 
 
 @pytest.mark.parametrize("expression", EXPRESSIONS.values(), ids=EXPRESSIONS.keys())

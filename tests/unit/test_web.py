@@ -177,6 +177,17 @@ def test_openmetrics_for_who_asks_for_it() -> None:
     run(work)
 
 
+@pytest.mark.parametrize("accept", ["", "*/*", "text/plain;version=0.0.4", "application/openmetrics-text;version=new"])
+def test_plain_text_for_everybody_else(accept: str) -> None:
+    async def work() -> None:
+        async with visiting(Vitals("wall")) as visitor:
+            answer = await visitor.get("/metrics", accept)
+        assert (answer.status, answer.content_type) == (200, "text/plain; version=0.0.4; charset=utf-8")
+        assert samples(answer.text)["gameopt_ready"] == 0
+
+    run(work)
+
+
 def test_metrics_are_written_between_control_cycles() -> None:
     async def work() -> None:
         vitals = Vitals("wall")

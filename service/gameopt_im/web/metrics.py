@@ -5,13 +5,14 @@ No metric carries the id of a vehicle: a label value costs memory for as long as
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import asyncio
+from collections.abc import Callable, Iterable, Iterator
 from importlib.metadata import version
 from itertools import accumulate
 from typing import NamedTuple, get_args
 
 from aiohttp import web
-from prometheus_client import CollectorRegistry, ProcessCollector
+from prometheus_client import ProcessCollector
 from prometheus_client.core import (
     CounterMetricFamily,
     GaugeMetricFamily,
@@ -30,6 +31,7 @@ from gameopt_im.vitals import WHOLE, Vitals
 PREFIX = "gameopt_"
 OVERFLOW = "overflow"
 """Not a fault of the message, so it has a metric of its own."""
+PROCESS = ProcessCollector(namespace="gameopt", registry=None)
 REASONS: tuple[str, ...] = get_args(Reason)
 ABOUT = ("version", "intersection", "clock", "profile", "geometry")
 """The labels of `gameopt_manager_info`."""
@@ -130,27 +132,41 @@ def _buckets(histogram: Histogram) -> list[tuple[str, float]]:
     return list(zip(bounds, accumulate(histogram.counts), strict=True))
 
 
+class Everything(Collector):
+    """The metrics of a manager, and those of its process, which have been read already."""
+
+    def __init__(self, manager: ManagerCollector, process: Iterable[Metric]) -> None:
+        self._manager = manager
+        self._process = process
+
+    def collect(self) -> Iterator[Metric]:
+        """All of them; `prometheus_client` calls this."""
+        yield from self._manager.collect()
+        yield from self._process
+
+
 def about(options: ServeOptions) -> dict[str, str]:
     """What never changes while the manager runs."""
     values = (version("gameopt"), options.map.intersection, options.clock, options.profile, options.geometry)
     return dict(zip(ABOUT, values, strict=True))
 
 
-def registry_of(vitals: Vitals, about: dict[str, str]) -> CollectorRegistry:
-    """The manager's metrics, and those of its process."""
-    registry = CollectorRegistry()
-    registry.register(ManagerCollector(vitals, about))
-    ProcessCollector(namespace=PREFIX.rstrip("_"), registry=registry)
-    return registry
+def _format(accept: str) -> tuple[Callable[[Collector], bytes], str]:
+    """How to write metrics for who accepts this, and its content type; as plain text where a version is none."""
+    try:
+        return choose_encoder(accept)
+    except TypeError:
+        return choose_encoder("")
 
 
 def routes(options: ServeOptions, vitals: Vitals) -> list[web.RouteDef]:
     """The metrics of a manager, in the format that the scraper prefers."""
-    registry = registry_of(vitals, about(options))
+    manager = ManagerCollector(vitals, about(options))
 
     async def metrics(request: web.Request) -> web.Response:
-        encode, content_type = choose_encoder(request.headers.get("Accept", ""))
+        encode, content_type = _format(request.headers.get("Accept", ""))
+        process = await asyncio.to_thread(PROCESS.collect)  # reads files
         await vitals.between_cycles()
-        return web.Response(body=encode(registry), headers={"Content-Type": content_type})
+        return web.Response(body=encode(Everything(manager, process)), headers={"Content-Type": content_type})
 
     return [web.get("/metrics", metrics)]

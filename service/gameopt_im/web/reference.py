@@ -80,7 +80,8 @@ def reference() -> str:
     """The whole page, Markdown."""
     vitals = Vitals("wall")
     vitals.stages.observe("a stage", 0.0)  # so that the labels show
-    rows = [_row(metric) for metric in metrics.registry_of(vitals, dict.fromkeys(metrics.ABOUT, "")).collect()]
+    manager = metrics.ManagerCollector(vitals, dict.fromkeys(metrics.ABOUT, ""))
+    rows = [_row(metric) for metric in metrics.Everything(manager, metrics.PROCESS.collect()).collect()]
     head = ["| metric | type | labels | meaning |", "| --- | --- | --- | --- |"]
     bounds = vitals.stages.snapshot()["a stage"].bounds
     return _HEAD + "\n".join([*head, *rows, ""]) + _FOOT.format(bounds=", ".join(f"{bound:g}" for bound in bounds))

@@ -34,14 +34,14 @@ async def serve(options: ServeOptions) -> None:
         config = configuration(options.listen, options.connect, options.zenoh_config)
         lossless = options.clock == "lockstep"
         bus = await stack.enter_async_context(await Bus.connect(options.map.intersection, config, lossless))
+        recorder = None
+        if options.record is not None:
+            recorder = stack.enter_context(Recorder(options.record, charter, options.parameters, options.command_line))
         vitals = Vitals(options.clock)
         if options.http is not None:
             from gameopt_im.web import server
 
             await stack.enter_async_context(server.opened(options.http, options, vitals))
-        recorder = None
-        if options.record is not None:
-            recorder = stack.enter_context(Recorder(options.record, charter, options.parameters, options.command_line))
         await warm_up(options)
         solver = solver_of(options)
         await stack.enter_async_context(solver)

@@ -26,7 +26,7 @@ ends it with exit 2.
 The control loop does not run when, at the wall clock, no control cycle has begun or ended for 1 s. In lock-step,
 waiting for a simulator is healthy; a control cycle that has been under way for 10 s is not.
 While the first start on a machine compiles, for about a minute, requests wait: give a liveness probe that long.
-Metrics are written between control cycles, never within one.
+Metrics are written between control cycles: a request that comes within one waits for its end, half a second at most.
 
 ## Scrape it
 

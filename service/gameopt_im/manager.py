@@ -22,6 +22,7 @@ from gameopt_im.core.reservations import Book, Reservation
 from gameopt_im.core.snapshot import Snapshot
 from gameopt_im.inbox import Raw
 from gameopt_im.options import ServeOptions
+from gameopt_im.sight import Sight
 from gameopt_im.solver.contest import Solver
 from gameopt_im.strategy import Strategy, strategy_of
 from gameopt_im.tracker import Tracker
@@ -51,6 +52,8 @@ class Manager:
         self.missed = 0
         self.unread: Counter[str] = Counter()
         """Messages that never reached the tracker, by reason: broken steps, and what the queue had no room for."""
+        self.sight: Sight | None = None
+        """What the last control cycle saw and weighed, for whoever watches."""
         self._ground = ground(
             options.map, options.geometry, options.parameters.program.lateral_margin_m, options.turn_speed
         )
@@ -114,6 +117,9 @@ class Manager:
         elapsed_ms = 1e3 * (time.perf_counter() - started)
         report = self._report(snapshot, picture, concluded, winner, proposal.count, len(commands), elapsed_ms)
         self._log(settled, picture, snapshot)
+        self.sight = Sight(
+            snapshot, limits.phase, self._book, who, proposal, results, winner, concluded, self._tracker.last_state
+        )
         return Outcome(commands, report, ledger)
 
     def _deadline(self) -> float | None:

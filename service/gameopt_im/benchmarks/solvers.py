@@ -1,0 +1,92 @@
+"""Other solvers on the very programs that the service solves; extras (`pip install 'gameopt[bench]'`), never needed.
+
+Each is set up for every program anew; bringing its matrices into the solver's form is not timed. Both are
+interior-point methods, which a start from the last control cycle does not help. They are asked for what OSQP is asked
+for, not for all that they could reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from types import MappingProxyType
+from typing import Any, TypeAlias
+
+import numpy as np
+from scipy import sparse
+
+from gameopt_im.core.program import QP, Sparse
+from gameopt_im.core.snapshot import Floats
+
+EXTRA = "pip install 'gameopt[bench]'"
+TOLERANCE = 1e-4
+"""Of residuals, and relative of the gap: what OSQP is asked for at a residual of 1e-3 m/s allowed."""
+
+NO_BOUND = 1e6
+"""m/s; whoever has no leader is told to stay behind one who is that far off, which would spoil a solver's scaling."""
+
+Prepared: TypeAlias = Callable[[], Floats]
+"""Sets up and solves from scratch: the solution x (nx,), not a number where the solver gives none."""
+
+
+def installed(name: str) -> str | None:
+    """The version of a solver; None where it is not there."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def clarabel(qp: QP) -> Prepared:
+    """Clarabel: rows with a bound become Ax + s = b, s >= 0, upper bounds first."""
+    import clarabel as solver
+
+    settings = solver.DefaultSettings()
+    settings.verbose = False
+    settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = TOLERANCE
+    p, a = _matrix(qp.P), _matrix(qp.A).tocsr()
+    upper, lower = qp.u < NO_BOUND, qp.l > -NO_BOUND
+    rows = sparse.vstack([a[upper], -a[lower]], format="csc")
+    bounds = np.concatenate([qp.u[upper], -qp.l[lower]])
+    cones = [solver.NonnegativeConeT(len(bounds))]
+    return lambda: np.array(solver.DefaultSolver(p, qp.q, rows, bounds, cones, settings).solve().x)
+
+
+def piqp(qp: QP) -> Prepared:
+    """PIQP on sparse matrices: l <= Gx <= u is its own form, and it reads the upper triangle of P."""
+    import piqp as solver
+
+    p, g = _matrix(qp.P), _matrix(qp.A)
+    lower, upper = np.where(qp.l > -NO_BOUND, qp.l, -np.inf), np.where(qp.u < NO_BOUND, qp.u, np.inf)
+
+    def solve() -> Floats:
+        found = solver.SparseSolver()
+        found.settings.eps_abs = found.settings.eps_duality_gap_abs = TOLERANCE
+        found.settings.eps_rel = found.settings.eps_duality_gap_rel = TOLERANCE
+        found.setup(p, qp.q, None, None, g, lower, upper, None, None)
+        found.solve()
+        return np.array(found.result.x)
+
+    return solve
+
+
+OPTIONAL: MappingProxyType[str, Callable[[QP], Prepared]] = MappingProxyType({"clarabel": clarabel, "piqp": piqp})
+"""By their names in the package index: what brings a program into the solver's form, off the clock."""
+
+
+def residual(qp: QP, x: Floats) -> float:
+    """Largest violation of l <= Ax <= u, apart from any solver, m/s; not a number where x is none."""
+    ax = _matrix(qp.A) @ x
+    return float(np.max(np.maximum(np.maximum(qp.l - ax, ax - qp.u), 0.0), initial=0.0))
+
+
+def objective(qp: QP, x: Floats) -> float:
+    """1/2 x'Px + q'x + constant."""
+    p = _matrix(qp.P)
+    whole = p + sparse.triu(p, 1).T
+    return float(0.5 * x @ (whole @ x) + qp.q @ x + qp.constant)
+
+
+def _matrix(matrix: Sparse) -> Any:
+    rows, columns = matrix.shape
+    return sparse.csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=(rows, columns))

@@ -16,9 +16,6 @@ from scipy import stats
 from gameopt_im.benchmarks.pairs import LEVEL
 from gameopt_im.core.snapshot import Floats
 
-COLUMNS = (
-    "exponent", "beyond n log n", "last two", "by uncleared", "off n log n", "off n^2", "than n log n",
-)  # fmt: skip
 FEWEST = 3
 """Numbers of vehicles that a fit needs: with two there is no interval."""
 NO_FASTER, FASTER, OPEN = "no faster", "faster", "not decided"
@@ -94,20 +91,12 @@ def growths(
 
 def table(fits: Sequence[Growth]) -> Table:
     """The fits to read, a line a stage."""
-    shown = Table(title="growth of the medians with the vehicles present, t = c n^exponent, 95 %")
-    for name in ("stage", *COLUMNS):
+    shown = Table(title="growth with the vehicles present: t = c n^exponent (95 %)")
+    for name in ("stage", "exponent", "beyond n log n", "off n log n, n^2", "than n log n"):
         shown.add_column(name, justify="left" if name == "stage" else "right")
     for each in fits:
-        shown.add_row(
-            each.stage,
-            str(each.exponent),
-            str(each.beyond),
-            f"{each.last:.2f}",
-            "-" if each.by_uncleared is None else str(each.by_uncleared),
-            f"{100.0 * each.spread_n_log_n:.0f} %",
-            f"{100.0 * each.spread_n_squared:.0f} %",
-            each.verdict,
-        )
+        off = f"{100.0 * each.spread_n_log_n:.0f} %, {100.0 * each.spread_n_squared:.0f} %"
+        shown.add_row(each.stage, str(each.exponent), str(each.beyond), off, each.verdict)
     return shown
 
 

@@ -169,13 +169,13 @@ def test_an_answer_is_looked_at_before_its_time_counts(answers: programs.Answers
 def test_other_solvers_solve_it(name: str) -> None:
     pytest.importorskip(name)
     state = program()
-    assert state.wrong([solvers.OPTIONAL[name](state.qps[0])()]) is None
+    assert state.wrong([solvers.OPTIONAL[name](state.qps[0])]) is None
 
 
 @pytest.mark.parametrize("name", solvers.OPTIONAL)
 def test_a_solver_that_is_not_installed_is_a_line(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(solvers, "installed", lambda solver: None if solver == name else "1.0")
-    there = {each: lambda _qp: lambda: np.full(2, 0.5) for each in solvers.OPTIONAL}
+    there = {each: lambda _qp: np.full(2, 0.5) for each in solvers.OPTIONAL}
     monkeypatch.setattr(solvers, "OPTIONAL", there)
     lines = {each.compares: each for each in programs.solver_ratios("60 vehicles", "programs", [program()] * 6)}
     for solver in there:

@@ -10,7 +10,7 @@ import numpy as np
 from gameopt_im.benchmarks import solvers
 from gameopt_im.benchmarks.moments import Moment
 from gameopt_im.benchmarks.pairs import Ratio, Timed, in_turn, ratio, timed
-from gameopt_im.benchmarks.solvers import Prepared
+from gameopt_im.benchmarks.solvers import Solve
 from gameopt_im.core import horizon
 from gameopt_im.core.horizon import Platoon
 from gameopt_im.core.program import QP
@@ -103,8 +103,8 @@ def _cold_paper(qp: QP, start: Floats, residual_mps: float) -> Callable[[], Answ
 
 def solver_ratios(traffic: str, name: str, states: Sequence[Programs]) -> list[Ratio]:
     """The other solvers against OSQP on the same programs; a line for each that is not installed."""
-    there = {solver: make for solver, make in solvers.OPTIONAL.items() if solvers.installed(solver)}
-    ways = {solver: _other(make) for solver, make in there.items()}
+    there = {solver: solve for solver, solve in solvers.OPTIONAL.items() if solvers.installed(solver)}
+    ways = {solver: _other(solve) for solver, solve in there.items()}
     times = in_turn(states, {OSQP: _service, **ways})
     return [
         ratio(traffic, f"{solver} / OSQP, {name}", times[solver], times[OSQP])
@@ -130,12 +130,8 @@ def _set_up(state: Programs) -> Timed:
     return timed(lambda: [answer for job in state.platoons for answer in _without_kept(job)], state.wrong)
 
 
-def _other(make: Callable[[QP], Prepared]) -> Callable[[Programs], Timed]:
-    def solve(state: Programs) -> Timed:
-        prepared = [make(qp) for qp in state.qps]
-        return timed(lambda: [each() for each in prepared], state.wrong)
-
-    return solve
+def _other(solve: Solve) -> Callable[[Programs], Timed]:
+    return lambda state: timed(lambda: [solve(qp) for qp in state.qps], state.wrong)
 
 
 def _without_kept(job: PlatoonJob) -> Answers:

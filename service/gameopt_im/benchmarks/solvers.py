@@ -1,8 +1,8 @@
 """Other solvers on the very programs that the service solves; extras (`pip install 'gameopt[bench]'`), never needed.
 
-Each is set up for every program anew; bringing its matrices into the solver's form is not timed. Both are
-interior-point methods, which a start from the last control cycle does not help. They are asked for what OSQP is asked
-for, not for all that they could reach.
+Each takes a program as it is built, brings it into the solver's form and is set up for it anew. Both are interior-point
+methods, which a start from the last control cycle does not help. They are asked for what OSQP is asked for, not for all
+that they could reach.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ TOLERANCE = 1e-4
 NO_BOUND = 1e6
 """m/s; whoever has no leader is told to stay behind one who is that far off, which would spoil a solver's scaling."""
 
-Prepared: TypeAlias = Callable[[], Floats]
-"""Sets up and solves from scratch: the solution x (nx,), not a number where the solver gives none."""
+Solve: TypeAlias = Callable[[QP], Floats]
+"""The solution x (nx,) of a program, from scratch; not a number where the solver gives none."""
 
 
 def installed(name: str) -> str | None:
@@ -37,7 +37,7 @@ def installed(name: str) -> str | None:
         return None
 
 
-def clarabel(qp: QP) -> Prepared:
+def clarabel(qp: QP) -> Floats:
     """Clarabel: rows with a bound become Ax + s = b, s >= 0, upper bounds first."""
     import clarabel as solver
 
@@ -49,29 +49,24 @@ def clarabel(qp: QP) -> Prepared:
     rows = sparse.vstack([a[upper], -a[lower]], format="csc")
     bounds = np.concatenate([qp.u[upper], -qp.l[lower]])
     cones = [solver.NonnegativeConeT(len(bounds))]
-    return lambda: np.array(solver.DefaultSolver(p, qp.q, rows, bounds, cones, settings).solve().x)
+    return np.array(solver.DefaultSolver(p, qp.q, rows, bounds, cones, settings).solve().x)
 
 
-def piqp(qp: QP) -> Prepared:
+def piqp(qp: QP) -> Floats:
     """PIQP on sparse matrices: l <= Gx <= u is its own form, and it reads the upper triangle of P."""
     import piqp as solver
 
-    p, g = _matrix(qp.P), _matrix(qp.A)
     lower, upper = np.where(qp.l > -NO_BOUND, qp.l, -np.inf), np.where(qp.u < NO_BOUND, qp.u, np.inf)
-
-    def solve() -> Floats:
-        found = solver.SparseSolver()
-        found.settings.eps_abs = found.settings.eps_duality_gap_abs = TOLERANCE
-        found.settings.eps_rel = found.settings.eps_duality_gap_rel = TOLERANCE
-        found.setup(p, qp.q, None, None, g, lower, upper, None, None)
-        found.solve()
-        return np.array(found.result.x)
-
-    return solve
+    found = solver.SparseSolver()
+    found.settings.eps_abs = found.settings.eps_duality_gap_abs = TOLERANCE
+    found.settings.eps_rel = found.settings.eps_duality_gap_rel = TOLERANCE
+    found.setup(_matrix(qp.P), qp.q, None, None, _matrix(qp.A), lower, upper, None, None)
+    found.solve()
+    return np.array(found.result.x)
 
 
-OPTIONAL: MappingProxyType[str, Callable[[QP], Prepared]] = MappingProxyType({"clarabel": clarabel, "piqp": piqp})
-"""By their names in the package index: what brings a program into the solver's form, off the clock."""
+OPTIONAL: MappingProxyType[str, Solve] = MappingProxyType({"clarabel": clarabel, "piqp": piqp})
+"""By their names in the package index."""
 
 
 def residual(qp: QP, x: Floats) -> float:

@@ -102,18 +102,19 @@ def interval(values: Floats) -> tuple[float | None, float | None]:
 def table(ratios: Sequence[Ratio]) -> Table:
     """The ratios to read, a line each."""
     shown = Table(title="ratios of times, measured in turn: median (95 %)")
-    for name in ("traffic", "first / second", "ratio", "pairs", "second, ms", "note"):
-        shown.add_column(name, justify="left" if name in ("traffic", "first / second", "note") else "right")
+    for name in ("traffic", "first / second", "ratio", "pairs", "second, ms"):
+        shown.add_column(name, justify="left" if name in ("traffic", "first / second") else "right")
     before = None
     for each in ratios:
         if before not in (None, each.traffic):
             shown.add_section()
         title = "" if each.traffic == before else each.traffic
         before = each.traffic
-        pairs = f"{each.pairs} (+{each.off} off)" if each.off and each.failed is None else str(each.pairs)
-        if each.failed is not None or each.median is None:
-            shown.add_row(title, each.compares, "-", pairs, "-", each.failed)
+        compares = f"{each.compares} ({said})" if (said := each.failed or each.note) else each.compares
+        if each.median is None:
+            shown.add_row(title, compares, "-", str(each.pairs), "-")
             continue
         spread = "" if each.low is None else f" ({each.low:.2f} to {each.high:.2f})"
-        shown.add_row(title, each.compares, f"{each.median:.2f}{spread}", pairs, f"{each.second_ms:.2f}", each.note)
+        pairs = f"{each.pairs} (+{each.off} off)" if each.off else str(each.pairs)
+        shown.add_row(title, compares, f"{each.median:.2f}{spread}", pairs, f"{each.second_ms:.2f}")
     return shown

@@ -79,9 +79,10 @@ class _Paper:
 def _literal(traffic: str, caught: Sequence[Moment], paper: _Paper, workers: int) -> Ratio:
     """The decision with the paper's planning in place of the service's, against the service's own.
 
-    Full rows, one set-up for each candidate, one candidate after the other in one process. All else, from the snapshot
-    to the interlock, both have in common.
+    Full rows, one set-up for each candidate, one candidate after the other in one process; one without a solution is
+    out. All else, from the snapshot to the interlock, both have in common.
     """
+    solved: list[bool] = []
 
     def plan(moment: Moment) -> list[Outcome | None]:
         profile, proposal = paper.proposal(moment, "full")
@@ -89,36 +90,17 @@ def _literal(traffic: str, caught: Sequence[Moment], paper: _Paper, workers: int
         profile.choose(proposal, outcomes)
         return outcomes
 
+    def wrong(outcomes: list[Outcome | None]) -> str | None:
+        solved.extend(outcome is not None for outcome in outcomes)
+        return None if any(outcomes) else "no program has a solution"
+
     first = []
     for moment in caught:
-        took = timed(partial(plan, moment), _unsolved, time.perf_counter)
+        took = timed(partial(plan, moment), wrong, time.perf_counter)
         first.append(Timed(moment.decision_s - moment.planning_s + took.seconds, took.wrong))
     second = [Timed(moment.decision_s, None) for moment in caught]
-    return ratio(traffic, LITERAL, first, second, f"service with --workers {workers}")
-
-
-def _rows(traffic: str, caught: Sequence[Moment], paper: _Paper) -> Ratio:
-    """All pairs' rows against their transitive reduction: rows and programs made and solved, auction left out.
-
-    With slack the two are not the same program: full rows charge more, which is the note.
-    """
-    objectives: dict[str, list[float]] = {"full": [], "reduced": []}
-
-    def way(rows: str) -> Callable[[Moment], Timed]:
-        def solve(moment: Moment) -> Timed:
-            jobs = paper.proposal(moment, rows)[1].jobs
-            return timed(lambda: [job.solve() for job in jobs], noted)
-
-        def noted(outcomes: list[Outcome | None]) -> str | None:
-            objectives[rows].append(outcomes[0].objective if outcomes[0] is not None else np.nan)
-            return _unsolved(outcomes)
-
-        return solve
-
-    times = in_turn(caught, {rows: way(rows) for rows in objectives})
-    more = np.array(objectives["full"]) / np.array(objectives["reduced"])
-    note = f"full rows charge {np.nanmedian(more):.2f} times as much" if np.isfinite(more).any() else ""
-    return ratio(traffic, SAME_ROWS, times["full"], times["reduced"], note)
+    note = f"service with --workers {workers}; {solved.count(False)} of {len(solved)} programs unsolved"
+    return ratio(traffic, LITERAL, first, second, note)
 
 
 def _set_up_and_solved(job: PaperJob) -> Outcome | None:
@@ -126,6 +108,36 @@ def _set_up_and_solved(job: PaperJob) -> Outcome | None:
     return job.solve()
 
 
-def _unsolved(outcomes: list[Outcome | None]) -> str | None:
-    failed = sum(outcome is None for outcome in outcomes)
-    return f"{failed} of {len(outcomes)} programs without a solution" if failed else None
+def _rows(traffic: str, caught: Sequence[Moment], paper: _Paper) -> Ratio:
+    """All pairs' rows against their transitive reduction: rows and programs made and solved, auction left out.
+
+    A pair is all sequences of a control cycle that have a solution on either. With slack the two are not the same
+    program: full rows charge more, which is the note.
+    """
+    first, second, more, sequences = [], [], [], 0
+    for moment in caught:
+        jobs = list(zip(*(paper.proposal(moment, rows)[1].jobs for rows in ("full", "reduced")), strict=True))
+        found: list[list[Outcome | None]] = [[], []]
+        full, reduced = in_turn(
+            jobs, {rows: _one_of_two(k, found[k]) for k, rows in enumerate(("full", "reduced"))}
+        ).values()
+        both = [k for k in range(len(jobs)) if not full[k].wrong and not reduced[k].wrong]
+        sequences += len(jobs)
+        wrong = None if both else "no sequence has a solution on either"
+        first.append(Timed(sum(full[k].seconds for k in both), wrong))
+        second.append(Timed(sum(reduced[k].seconds for k in both), wrong))
+        more += [a.objective / b.objective for a, b in zip(*found, strict=True) if a and b and b.objective > 0.0]
+    note = f"full rows charge {np.median(more):.2f} times as much" if more else "nothing charged"
+    return ratio(
+        traffic, SAME_ROWS, first, second, f"{note}; {sequences - len(more)} of {sequences} sequences left out"
+    )
+
+
+def _one_of_two(which: int, found: list[Outcome | None]) -> Callable[[tuple[PaperJob, ...]], Timed]:
+    """Solves one of a pair of jobs, and keeps what comes of it."""
+
+    def wrong(outcome: Outcome | None) -> str | None:
+        found.append(outcome)
+        return "no solution" if outcome is None else None
+
+    return lambda jobs: timed(jobs[which].solve, wrong)

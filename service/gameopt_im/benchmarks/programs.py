@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from gameopt_im.benchmarks import solvers
 from gameopt_im.benchmarks.moments import Moment
 from gameopt_im.benchmarks.pairs import Ratio, Timed, in_turn, ratio, timed
 from gameopt_im.benchmarks.solvers import Solve
 from gameopt_im.core import horizon
-from gameopt_im.core.horizon import Platoon
 from gameopt_im.core.program import QP
 from gameopt_im.core.snapshot import Floats
 from gameopt_im.solver.horizon_job import HorizonJob, PlatoonJob
@@ -67,15 +64,11 @@ def horizon_programs(moments: Sequence[Moment]) -> list[Programs]:
 
 def _horizon(job: HorizonJob, before: HorizonJob) -> Programs | None:
     """None where the exact solution is not found."""
-    whole, ends = horizon.build(job.task, job.rules, job.slots), np.cumsum(job.task.counts)
-    qps = [
-        Platoon(*(part[end - count : end] for part in whole)).program(job.rules.blocks)
-        for count, end in zip(job.task.counts, ends, strict=True)
-    ]
+    platoons = job.programs()
+    qps = [horizon.program(platoon.values, platoon.blocks).qp for platoon in platoons]
     exact = _exact(qps)
     if exact is None:
         return None
-    platoons = job.programs()
     # Kept workspaces of every size are there, and solved another control cycle's programs last.
     others = [*platoons, *before.programs()]
     return Programs(qps, exact, job.residual_mps, lambda: _solved(platoons), lambda: _solved(others), platoons)
@@ -140,7 +133,7 @@ def _without_kept(job: PlatoonJob) -> Answers:
 
 
 def _solved(jobs: Sequence[PlatoonJob]) -> Answers:
-    return [None if (solution := job.solve()) is None else solution.x for job in jobs]
+    return [None if (solution := job.solve()) is None else solution.u.ravel() for job in jobs]
 
 
 def _exact(qps: Sequence[QP]) -> float | None:

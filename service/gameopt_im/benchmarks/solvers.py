@@ -16,6 +16,7 @@ import numpy as np
 from scipy import sparse
 
 from gameopt_im.core.program import QP, Sparse
+from gameopt_im.core.residuals import quadratic, violation
 from gameopt_im.core.snapshot import Floats
 
 EXTRA = "pip install 'gameopt[bench]'"
@@ -70,16 +71,13 @@ OPTIONAL: MappingProxyType[str, Solve] = MappingProxyType({"clarabel": clarabel,
 
 
 def residual(qp: QP, x: Floats) -> float:
-    """Largest violation of l <= Ax <= u, apart from any solver, m/s; not a number where x is none."""
-    ax = _matrix(qp.A) @ x
-    return float(np.max(np.maximum(np.maximum(qp.l - ax, ax - qp.u), 0.0), initial=0.0))
+    """Largest violation of l <= Ax <= u, m/s; not a number where x is none."""
+    return violation(x, qp.A.data, qp.A.indices, qp.A.indptr, qp.l, qp.u)
 
 
 def objective(qp: QP, x: Floats) -> float:
     """1/2 x'Px + q'x + constant."""
-    p = _matrix(qp.P)
-    whole = p + sparse.triu(p, 1).T
-    return float(0.5 * x @ (whole @ x) + qp.q @ x + qp.constant)
+    return quadratic(x, qp.P.data, qp.P.indices, qp.P.indptr, qp.q) + qp.constant
 
 
 def _matrix(matrix: Sparse) -> Any:

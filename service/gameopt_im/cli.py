@@ -192,7 +192,7 @@ def bench(
     ratios: bool,
     json_file: Path | None,
 ) -> None:
-    """Measure how long decisions take, stage by stage, without a network; some ten minutes."""
+    """Measure how long decisions take, stage by stage, without a network; a quarter of an hour."""
     import msgspec
     from rich.console import Console
 

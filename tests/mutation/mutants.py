@@ -349,4 +349,18 @@ MUTANTS = (
         "model.addCons(left - most * active <= slack)",
         f"{UNIT}/test_joint.py::test_the_answer_is_the_best_of_all_orders_that_keep_the_lanes[4-3]",
     ),
+    Mutant(
+        "a solver timed whatever it answers",
+        "service/gameopt_im/benchmarks/programs.py",
+        'return None if off <= CLOSE else f"objective off by {off:.1e}"',
+        "return None",
+        f"{UNIT}/test_benchmarks.py::test_an_answer_is_looked_at_before_its_time_counts",
+    ),
+    Mutant(
+        "n^2 taken for n log n",
+        "service/gameopt_im/benchmarks/growth.py",
+        "beyond = _slope(n, t / n_log_n)",
+        "beyond = _slope(n, t / n**2)",
+        f"{UNIT}/test_benchmarks.py::test_what_grows_faster_than_n_log_n_is_told",
+    ),
 )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from gameopt_im.benchmarks import solvers
 from gameopt_im.benchmarks.moments import Moment
 from gameopt_im.benchmarks.pairs import Ratio, Timed, in_turn, ratio, timed
@@ -31,7 +33,7 @@ Answers = Sequence[Floats | None]
 class Programs:
     """Programs solved one after the other as one state.
 
-    `exact` is the least objective of all together, `solve` the service's way with OSQP, `ready` what goes before it
+    `exact` is the least objective of all together, with the `constant` that their `qps` leave out; `solve` the service's way with OSQP, `ready` what goes before it
     off the clock, `platoons` the jobs of the service where the programs are its own.
     """
 
@@ -41,6 +43,7 @@ class Programs:
     solve: Callable[[], Answers]
     ready: Callable[[], object]
     platoons: Sequence[PlatoonJob] = ()
+    constant: float = 0.0
 
     def wrong(self, answers: Answers) -> str | None:
         """What is wrong with them; None for nothing."""
@@ -50,7 +53,7 @@ class Programs:
         worst = max((solvers.residual(qp, x) for qp, x in zip(self.qps, found, strict=True)), default=0.0)
         if not worst <= self.residual_mps:
             return f"residual {worst:.1e} m/s"
-        reached = sum(solvers.objective(qp, x) for qp, x in zip(self.qps, found, strict=True))
+        reached = self.constant + sum(solvers.objective(qp, x) for qp, x in zip(self.qps, found, strict=True))
         off = abs(reached - self.exact) / (1.0 + abs(self.exact))
         return None if off <= CLOSE else f"objective off by {off:.1e}"
 
@@ -69,9 +72,12 @@ def _horizon(job: HorizonJob, before: HorizonJob) -> Programs | None:
     exact = _exact(qps)
     if exact is None:
         return None
+    constant = horizon.objective(job.task, job.rules, np.zeros((len(job.slots), len(job.rules.blocks))))
     # Kept workspaces of every size are there, and solved another control cycle's programs last.
     others = [*platoons, *before.programs()]
-    return Programs(qps, exact, job.residual_mps, lambda: _solved(platoons), lambda: _solved(others), platoons)
+    return Programs(
+        qps, constant + exact, job.residual_mps, lambda: _solved(platoons), lambda: _solved(others), platoons, constant
+    )  # fmt: skip
 
 
 def paper_programs(jobs: Iterator[PaperJob]) -> list[Programs]:

@@ -107,7 +107,7 @@ async def watch(options: ServeOptions, vehicles: int, workers: Sequence[int], sa
         managers: dict[str, Manager] = {}
         for count in workers:
             managers[str(count)] = Manager(options, 1, await _started(stack, options, count))
-        # In a process of its own: it shall not leave this one's workspaces just as the next manager needs them.
+        # First in every control cycle: the workspaces of this process are as warm for each that is timed after it.
         seen = _WatchedManager(options, 1, await _started(stack, options, 1))
         garbage = stack.enter_context(BetweenCycles())
         for cycle in range(1, cycles + 1):

@@ -33,8 +33,9 @@ Answers = Sequence[Floats | None]
 class Programs:
     """Programs solved one after the other as one state.
 
-    `exact` is the least objective of all together, with the `constant` that their `qps` leave out; `solve` the service's way with OSQP, `ready` what goes before it
-    off the clock, `platoons` the jobs of the service where the programs are its own.
+    `exact` is the least objective of all together, with the `constant` that their `qps` leave out. `solve` is the
+    service's way with OSQP, `ready` what goes before it off the clock, `platoons` the jobs of the service where the
+    programs are its own.
     """
 
     qps: Sequence[QP]

@@ -65,6 +65,11 @@ class Manager:
         self._stage_started = 0.0
         self._stages: dict[str, float] = {}
 
+    @property
+    def bids(self) -> int:
+        """Bids taken since the start of the term."""
+        return self._tracker.bids
+
     def _fresh_strategy(self) -> Strategy:
         return strategy_of(self.options, self._ground)
 

@@ -10,6 +10,7 @@ import asyncio
 import json
 import os
 import re
+import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -82,6 +83,8 @@ class Bus:
 
     def __init__(self, intersection: str, loop: asyncio.AbstractEventLoop, lossless: bool) -> None:
         self.overflow = 0
+        self.closed_s = 0.0
+        """When the messages were last drained, on the clock of `time.perf_counter`."""
         self._intersection = intersection
         self._loop = loop
         self._queue: deque[Raw] = deque()
@@ -92,7 +95,7 @@ class Bus:
         # Lock-step counts on every message; under the wall clock a blocked loop is worse than a lost one.
         self._congestion = zenoh.CongestionControl.BLOCK if lossless else zenoh.CongestionControl.DROP
         self._counts = lossless
-        self._command_keys: dict[str, str] = {}
+        self._command_keys: dict[str, zenoh.KeyExpr] = {}  # looked at once, not at every put
 
     @classmethod
     async def open(cls, intersection: str, config: zenoh.Config, charter: bytes, lossless: bool = False) -> Bus:
@@ -200,6 +203,7 @@ class Bus:
 
     def drain(self) -> list[Raw]:
         """All messages since the last call, in the order they came."""
+        self.closed_s = time.perf_counter()
         self._arrived.clear()
         self._woken = False  # before the queue is emptied, so that a message coming now wakes the loop again
         queue = self._queue
@@ -215,7 +219,7 @@ class Bus:
         for command in commands:
             key = cached.get(command.vehicle)
             if key is None:
-                key = keys.of_vehicle(self._intersection, "command", command.vehicle)
+                key = zenoh.KeyExpr(keys.of_vehicle(self._intersection, "command", command.vehicle))
                 cached[command.vehicle] = key
             self._put(key, codec.COMMAND.encode(command))
 
@@ -228,7 +232,7 @@ class Bus:
         self._command_keys.pop(entry.vehicle, None)
         self._put(keys.of_vehicle(self._intersection, "ledger", entry.vehicle), codec.LEDGER.encode(entry))
 
-    def _put(self, key: str, payload: bytes) -> None:
+    def _put(self, key: str | zenoh.KeyExpr, payload: bytes) -> None:
         if self._session is not None:
             self._session.put(key, payload, congestion_control=self._congestion)
 

@@ -80,7 +80,10 @@ class Grid:
 
 
 class WallClock:
-    """Control cycles on the grid of the wall clock; `missed` counts those that never began."""
+    """Control cycles on the grid of the wall clock; `missed` counts those that never began.
+
+    `late_s` is how long after its time the last one began.
+    """
 
     def __init__(
         self,
@@ -90,6 +93,7 @@ class WallClock:
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         self.missed = 0
+        self.late_s = 0.0
         self.rejected: Counter[str] = Counter()
         self._source = source
         self._grid = Grid(collect_s)
@@ -105,7 +109,7 @@ class WallClock:
                 await self._sleep(-late_s)
             else:  # set back, or slept through all of it, as a suspended process does
                 cycle = self._plan()
-        self._last = cycle
+        self._last, self.late_s = cycle, late_s
         messages, _ = split_steps(self._source.drain())
         return Tick(cycle, self._grid.time_s(cycle), messages)
 
@@ -121,6 +125,9 @@ class LockStep:
 
     Whatever else is on the network, as the rest of a simulator that was killed, is taken along uncounted.
     """
+
+    late_s: None = None
+    """It has no time to be late for."""
 
     def __init__(self, source: Source) -> None:
         self.missed = 0

@@ -12,7 +12,7 @@ import os
 import re
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -22,6 +22,7 @@ import zenoh
 
 from gameopt_im.inbox import Kind, Raw
 from gameopt_im.options import StartError
+from gameopt_im.roll_call import RollCall
 from gameopt_wire import codec, keys
 from gameopt_wire.messages import Command, CycleReport, LedgerEntry
 
@@ -90,6 +91,8 @@ class Bus:
         self._queue: deque[Raw] = deque()
         self._arrived = asyncio.Event()
         self._woken = False
+        self._all_heard = asyncio.Event()
+        self._roll_call = RollCall(partial(loop.call_soon_threadsafe, self._all_heard.set))
         self._session: zenoh.Session | None = None
         self._declared: list[object] = []  # a token that nobody holds is withdrawn
         # Lock-step counts on every message; under the wall clock a blocked loop is worse than a lost one.
@@ -184,13 +187,18 @@ class Bus:
             if self._counts:
                 mark = sample.attachment
                 step = codec.marked_step(mark.to_bytes()) if mark is not None else -1
-            self._append(Raw(kind, content, str(sample.key_expr), step))
+            key = str(sample.key_expr)
+            self._append(Raw(kind, content, key, step))
+            if kind == "state":
+                self._roll_call.heard(key)
 
         return received
 
     def _liveliness(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
-            self._append(Raw("gone", b"", str(sample.key_expr)))
+            key = str(sample.key_expr)
+            self._append(Raw("gone", b"", key))
+            self._roll_call.heard(keys.of_vehicle(self._intersection, "state", keys.vehicle_of(key)))
 
     def _append(self, raw: Raw) -> None:
         if len(self._queue) >= MAX_QUEUED:
@@ -212,6 +220,22 @@ class Bus:
     async def arrival(self) -> None:
         """Returns once there is something to drain."""
         await self._arrived.wait()
+
+    async def all_heard(self, whom: Collection[str], most_s: float) -> bool:
+        """Returns once all of these keys of states have been heard, or their vehicles are gone; False after `most_s`.
+
+        What came before the call does not count.
+        """
+        self._all_heard.clear()
+        self._roll_call.begin(whom)
+        try:
+            async with asyncio.timeout(most_s):
+                await self._all_heard.wait()
+        except TimeoutError:
+            return False
+        finally:
+            self._roll_call.begin(())
+        return True
 
     def publish_commands(self, commands: Iterable[Command]) -> None:
         """Sends every command to its vehicle."""

@@ -91,8 +91,7 @@ class Bus:
         self._queue: deque[Raw] = deque()
         self._arrived = asyncio.Event()
         self._woken = False
-        self._all_heard = asyncio.Event()
-        self._roll_call = RollCall(partial(loop.call_soon_threadsafe, self._all_heard.set))
+        self._roll_call = RollCall(loop)
         self._session: zenoh.Session | None = None
         self._declared: list[object] = []  # a token that nobody holds is withdrawn
         # Lock-step counts on every message; under the wall clock a blocked loop is worse than a lost one.
@@ -226,16 +225,7 @@ class Bus:
 
         What came before the call does not count.
         """
-        self._all_heard.clear()
-        self._roll_call.begin(whom)
-        try:
-            async with asyncio.timeout(most_s):
-                await self._all_heard.wait()
-        except TimeoutError:
-            return False
-        finally:
-            self._roll_call.begin(())
-        return True
+        return await self._roll_call.heard_all(whom, most_s)
 
     def publish_commands(self, commands: Iterable[Command]) -> None:
         """Sends every command to its vehicle."""

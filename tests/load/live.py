@@ -24,7 +24,7 @@ import psutil
 
 from gameopt_sumo.compare.processes import ProcessError, Processes
 
-SAMPLE_S = 0.5
+SAMPLE_S, SHORTEST_S = 0.5, 10
 MB = 2**20
 WAY_P99_MS = {60: 5.0, 130: 10.0, 260: 25.0}
 """The target for the whole way by number of vehicles; the others hold at the largest."""
@@ -43,8 +43,8 @@ class Load:
     def parse(cls, text: str) -> Load:
         """From `VEHICLES:SECONDS`."""
         vehicles, _, seconds = text.partition(":")
-        if not (vehicles.isdecimal() and seconds.isdecimal() and int(vehicles) and int(seconds)):
-            raise click.BadParameter(f"{text!r}; allowed: VEHICLES:SECONDS, as in 260:600")
+        if not (vehicles.isdecimal() and seconds.isdecimal() and int(vehicles) and int(seconds) >= SHORTEST_S):
+            raise click.BadParameter(f"{text!r}; allowed: VEHICLES:SECONDS, from {SHORTEST_S} s, as in 260:600")
         return cls(int(vehicles), int(seconds))
 
 

@@ -237,6 +237,8 @@ def main(loads: tuple[str, ...], workers: str, config: Path | None, candidates: 
     """Run every load, and print the figures beside the targets."""
     options = ["--candidates", str(candidates), *(["--config", str(config)] if config else [])]
     chosen = [Load.parse(load) for load in loads]
+    if not all(number.isdecimal() for number in workers.split(",")):
+        raise click.BadParameter(f"--workers {workers!r}; allowed: numbers with commas between, as in 1,2")
     out.mkdir(parents=True, exist_ok=True)
     measured: list[Measured] = []
     try:

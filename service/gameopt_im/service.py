@@ -9,6 +9,7 @@ from contextlib import AsyncExitStack
 
 import structlog
 
+from gameopt_im import whole_way
 from gameopt_im.bus import Bus, configuration
 from gameopt_im.clock import LockStep, WallClock
 from gameopt_im.garbage import BetweenCycles
@@ -74,6 +75,7 @@ async def run(options: ServeOptions, manager: Manager, bus: Bus, recorder: Recor
             manager.unread = Counter({"overflow": bus.overflow}) + clock.rejected
             outcome = await manager.control_cycle(tick.cycle, tick.time_s, tick.messages)
             bus.publish_commands(outcome.commands)
+            outcome = whole_way.measured(outcome, bus.closed_s, clock.late_s)
             bus.publish_cycle(outcome.report)
             for entry in outcome.ledger:
                 bus.publish_ledger(entry)

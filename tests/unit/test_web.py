@@ -138,7 +138,7 @@ def test_the_histograms_count_what_lies_on_or_below_each_bound() -> None:
             for elapsed_s in (0.5, 2.0):
                 vitals.cycle_begun()
                 hands.now_s += elapsed_s
-                vitals.cycle_done(outcome(stages_ms={"programs": 1e3 * elapsed_s}), 0)
+                vitals.cycle_done(outcome(stages_ms={"programs": 1e3 * elapsed_s}, whole_ms=1e3 * elapsed_s), 0)
             found = await visitor.scrape()
         for name, labels in (("", ""), ("_stage", "stage=programs")):
             of = f"gameopt_control_cycle{name}_seconds"

@@ -35,11 +35,15 @@ LATEST_S = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a control cycle came to: what to send, and what to write down."""
+    """What a control cycle came to: what to send, and what to write down.
+
+    `decided_s` is when its commands stood, on the clock of `time.perf_counter`.
+    """
 
     commands: list[Command]
     report: CycleReport
     ledger: list[LedgerEntry]
+    decided_s: float = 0.0
 
 
 class Manager:
@@ -64,6 +68,11 @@ class Manager:
         self._open: dict[str, LedgerEntry] = {}
         self._stage_started = 0.0
         self._stages: dict[str, float] = {}
+
+    @property
+    def bids(self) -> int:
+        """Bids taken since the start of the term."""
+        return self._tracker.bids
 
     def _fresh_strategy(self) -> Strategy:
         return strategy_of(self.options, self._ground)
@@ -106,10 +115,11 @@ class Manager:
         ledger = self._write_ledger(settled, time_s)
         self._order = tuple(snapshot.ids[i] for i in concluded.order)
         self._mark("commands")
-        elapsed_ms = 1e3 * (time.perf_counter() - started)
+        decided_s = self._stage_started
+        elapsed_ms = 1e3 * (decided_s - started)
         report = self._report(snapshot, picture, concluded, winner, proposal.count, len(commands), elapsed_ms)
         self._log(settled, picture, snapshot)
-        return Outcome(commands, report, ledger)
+        return Outcome(commands, report, ledger, decided_s)
 
     def _deadline(self) -> float | None:
         """On the loop's clock; in lock-step there is none, so that nothing depends on the machine."""

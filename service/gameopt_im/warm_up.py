@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from dataclasses import replace
 
@@ -30,6 +31,7 @@ async def warm_up(options: ServeOptions) -> None:
         for cycle in range(CYCLES):
             outcome = await manager.control_cycle(cycle, cycle * STEP_S, traffic.messages(cycle * STEP_S))
             traffic.obey(outcome.commands)
+            await asyncio.sleep(0)  # who asks meanwhile whether the manager is ready gets an answer
     elapsed = time.perf_counter() - started
     if elapsed > NOTICEABLE_S:
         log.info("compiled", seconds=round(elapsed, 1))

@@ -233,7 +233,7 @@ class Service(Section, frozen=True, kw_only=True):
 
     collect_s: Annotated[
         float,
-        Meta(ge=0, le=0.08, description="wall clock: time after the grid point that states are waited for (s)"),
+        Meta(ge=0, le=0.08, description="wall clock: longest time after the grid point that states are waited for (s)"),
     ] = 0.02
     command_valid_s: Annotated[
         float, Meta(ge=0.1, le=5, description="how long a command holds without a fresh one (s)")

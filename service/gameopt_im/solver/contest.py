@@ -44,7 +44,9 @@ class Contest:
 
     async def __aenter__(self) -> Self:
         """Start and warm up all workers, and what this process judges candidates with."""
-        self._example.may_cost(np.zeros((len(self._example.slots), 4, len(self._example.rules.blocks))))
+        horizon_job.least_costs(
+            [self._example], np.zeros((len(self._example.slots), 4, len(self._example.rules.blocks)))
+        )
         await self._pool.start()
         return self
 
@@ -109,7 +111,10 @@ def _contenders(candidates: Sequence[HorizonJob], first: int, outcome: HorizonOu
     cost = candidates[first].stake.cost(outcome.objective)
     limit = cost + ROUNDING * (1.0 + abs(cost))
     cheap = [k for k in others if candidates[k].stake.cost(0.0) <= limit]
-    return [k for k in cheap if candidates[k].may_cost(outcome.end.duals) <= limit]
+    if not cheap:
+        return []
+    least = horizon_job.least_costs([candidates[k] for k in cheap], outcome.end.duals)
+    return [k for k, cost_at_least in zip(cheap, least, strict=True) if cost_at_least <= limit]
 
 
 Solver: TypeAlias = Contest | Pool[Any, Any]

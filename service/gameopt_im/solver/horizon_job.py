@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -59,21 +60,18 @@ class HorizonJob:
 
     def met(self) -> list[tuple[int, bytes]]:
         """Each platoon, its slots and that of whom it trails: all that its program depends on in a control cycle."""
-        ends = np.cumsum(self.task.counts)
-        firsts = ends - self.task.counts
-        firsts = firsts - self.task.trails[firsts]
+        trails = self.task.trails
         return [
-            (number, self.slots[first:end].tobytes())
-            for number, (first, end) in enumerate(zip(firsts, ends, strict=True))
+            (number, self.slots[first - trails[first] : end].tobytes())
+            for number, (first, end) in enumerate(_parts(self.task.counts))
         ]
 
     def programs(self) -> list[PlatoonJob]:
         """Its programs, which different workers may solve."""
         values = horizon.build(self.task, self.rules, self.slots, self.start)
-        ends = np.cumsum(self.task.counts)
         return [
-            PlatoonJob(values[end - count : end], self.rules.blocks, self.residual_mps)
-            for count, end in zip(self.task.counts, ends, strict=True)
+            PlatoonJob(values[first:end], self.rules.blocks, self.residual_mps)
+            for first, end in _parts(self.task.counts)
         ]
 
     def joined(self, solutions: Sequence[PlatoonSolution | None]) -> HorizonOutcome | None:
@@ -93,10 +91,18 @@ class HorizonJob:
         """All of it, platoon by platoon."""
         return self.joined([job.solve() for job in self.programs()])
 
-    def may_cost(self, duals: Floats) -> float:
-        """The least that any solution can cost, judged by the multipliers (n, 4, H) of another candidate."""
-        given = horizon.bounds(self.task, self.rules, self.slots)
-        return self.stake.cost(duality.least_objective(self.task, self.rules, given, duals, self.residual_mps))
+
+@lru_cache(maxsize=512)
+def _parts(counts: tuple[int, ...]) -> list[tuple[int, int]]:
+    """Where each platoon begins and ends."""
+    return list(pairwise(accumulate(counts, initial=0)))
+
+
+def least_costs(candidates: Sequence[HorizonJob], duals: Floats) -> list[float]:
+    """The least that any solution of each can cost, judged by the multipliers (n, 4, H) of another of their task."""
+    task, rules, play = candidates[0].task, candidates[0].rules, candidates[0].residual_mps
+    least = duality.least_objectives(task, rules, np.array([each.slots for each in candidates]), duals, play)
+    return [each.stake.cost(value) for each, value in zip(candidates, least.tolist(), strict=True)]
 
 
 class PlatoonSolution(NamedTuple):

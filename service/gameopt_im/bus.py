@@ -24,8 +24,8 @@ from gameopt_im.options import StartError
 from gameopt_wire import codec, keys
 from gameopt_wire.messages import Command, CycleReport, LedgerEntry
 
-MAX_QUEUED = 200_000
-"""Messages held for the next control cycle; what comes beyond is dropped and counted."""
+MAX_QUEUED, MAX_QUEUED_BYTES = 100_000, 64 * 2**20
+"""Messages held for the next control cycle, and their content; what comes beyond is dropped and counted."""
 MANAGER = "manager"
 PROBE_S = 1.0
 """Longest wait for an answer whether another manager is there; it normally comes within a millisecond."""
@@ -85,6 +85,7 @@ class Bus:
         self._intersection = intersection
         self._loop = loop
         self._queue: deque[Raw] = deque()
+        self._queued_bytes = 0  # two threads may add at once: near enough, until the next drain
         self._arrived = asyncio.Event()
         self._woken = False
         self._session: zenoh.Session | None = None
@@ -190,9 +191,10 @@ class Bus:
             self._append(Raw("gone", b"", str(sample.key_expr)))
 
     def _append(self, raw: Raw) -> None:
-        if len(self._queue) >= MAX_QUEUED:
+        if len(self._queue) >= MAX_QUEUED or self._queued_bytes >= MAX_QUEUED_BYTES:
             self.overflow += 1
             return
+        self._queued_bytes += len(raw.payload)
         self._queue.append(raw)
         if not self._woken:
             self._woken = True
@@ -202,7 +204,7 @@ class Bus:
         """All messages since the last call, in the order they came."""
         self._arrived.clear()
         self._woken = False  # before the queue is emptied, so that a message coming now wakes the loop again
-        queue = self._queue
+        queue, self._queued_bytes = self._queue, 0
         return [queue.popleft() for _ in range(len(queue))]
 
     async def arrival(self) -> None:
@@ -211,12 +213,10 @@ class Bus:
 
     def publish_commands(self, commands: Iterable[Command]) -> None:
         """Sends every command to its vehicle."""
-        cached = self._command_keys
+        known, self._command_keys = self._command_keys, {}  # of who is there now: nobody is remembered for good
         for command in commands:
-            key = cached.get(command.vehicle)
-            if key is None:
-                key = keys.of_vehicle(self._intersection, "command", command.vehicle)
-                cached[command.vehicle] = key
+            key = known.get(command.vehicle) or keys.of_vehicle(self._intersection, "command", command.vehicle)
+            self._command_keys[command.vehicle] = key
             self._put(key, codec.COMMAND.encode(command))
 
     def publish_cycle(self, report: CycleReport) -> None:
@@ -224,8 +224,7 @@ class Bus:
         self._put(keys.cycle(self._intersection), codec.CYCLE.encode(report))
 
     def publish_ledger(self, entry: LedgerEntry) -> None:
-        """Says what a vehicle paid; the last word to it, so its key is forgotten."""
-        self._command_keys.pop(entry.vehicle, None)
+        """Says what a vehicle paid."""
         self._put(keys.of_vehicle(self._intersection, "ledger", entry.vehicle), codec.LEDGER.encode(entry))
 
     def _put(self, key: str, payload: bytes) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable, Sequence
 from typing import Literal, NamedTuple
+
+from gameopt_wire import keys
 
 Kind = Literal["state", "bid", "step", "gone"]
 
@@ -27,3 +29,19 @@ def split_steps(messages: Iterable[Raw]) -> tuple[list[Raw], list[Raw]]:
     for raw in messages:
         (steps if raw.kind == "step" else of_vehicles).append(raw)
     return of_vehicles, steps
+
+
+def within(messages: Sequence[Raw], most: int, known: Container[str]) -> tuple[Sequence[Raw], int]:
+    """At most so many of the messages, in their order, and how many of the vehicles' are left out.
+
+    Those under the keys of `known` vehicles come first, and of either the newest: who is there already is not crowded
+    out by whoever floods other keys.
+    """
+    if len(messages) <= most:
+        return messages, 0
+    of_known = [k for k, raw in enumerate(messages) if keys.vehicle_of(raw.key) in known][-most:]
+    taken = set(of_known)
+    others = [k for k in range(len(messages)) if k not in taken]
+    taken.update(others[len(of_known) - most or len(others) :])
+    kept = [messages[k] for k in sorted(taken)]
+    return kept, sum(raw.kind != "gone" for raw in messages) - sum(raw.kind != "gone" for raw in kept)

@@ -15,6 +15,7 @@ import structlog
 from msgspec import structs
 
 from gameopt_im.core import decision, planning
+from gameopt_im.core.budget import Load, Took
 from gameopt_im.core.conflicts import ground
 from gameopt_im.core.decision import Conclusion, Picture, Settled, Winner
 from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
@@ -22,6 +23,7 @@ from gameopt_im.core.reservations import Book, Reservation
 from gameopt_im.core.snapshot import Snapshot
 from gameopt_im.inbox import Raw
 from gameopt_im.options import ServeOptions
+from gameopt_im.pace import Pace
 from gameopt_im.solver.contest import Solver
 from gameopt_im.strategy import Strategy, strategy_of
 from gameopt_im.tracker import Tracker
@@ -57,13 +59,16 @@ class Manager:
         self._tracker = Tracker(options.map, self._ground, options.parameters, options.clock, term)
         self._solver = solver
         self._strategy = self._fresh_strategy()
+        self._pace = Pace(options)
         self._book = Book()
         self._order: tuple[str, ...] = ()
         self._next_clearance = 1
         self._entered: dict[str, float] = {}
         self._open: dict[str, LedgerEntry] = {}
-        self._stage_started = 0.0
+        self._stage_started = self._planned = 0.0
         self._stages: dict[str, float] = {}
+        self._solved = 0, 0
+        """Programs begun and solved in the last control cycle."""
 
     def _fresh_strategy(self) -> Strategy:
         return strategy_of(self.options, self._ground)
@@ -76,8 +81,13 @@ class Manager:
         self._entered.clear()
         self._open.clear()
 
-    async def control_cycle(self, cycle: int, time_s: float, messages: list[Raw]) -> Outcome:
-        """Messages in, commands out; the same in, the same out."""
+    async def control_cycle(
+        self, cycle: int, time_s: float, messages: list[Raw], left_s: float | None = None
+    ) -> Outcome:
+        """Messages in, commands out; the same in, the same out.
+
+        With `left_s`, the time to the next grid point, as much is tried as fits (`pace.py`); None: everything.
+        """
         started = self._stage_started = time.perf_counter()
         self._tracker.ingest(messages, time_s)
         self._mark("ingest")
@@ -87,13 +97,17 @@ class Manager:
         limits = picture.limits
         self._mark("snapshot")
 
-        parameters, count = self.options.parameters, self.options.candidates
-        who = planning.bidders(snapshot, self._ground, self._book, limits, parameters, count)
-        proposal = self._strategy.propose(snapshot, self._book, limits, who, self._order)
+        parameters = self.options.parameters
+        load = Load(len(snapshot), int(np.count_nonzero(limits.phase == UNCLEARED)))
+        effort = self._pace.effort(load, self._stage_started - started, left_s)
+        who = planning.bidders(snapshot, self._ground, self._book, limits, parameters, max(1, effort.candidates))
+        proposal = self._strategy.propose(snapshot, self._book, limits, who, self._order, effort)
         self._mark("auction")
         results = await self._solver.solve(proposal.jobs, self._deadline())
         winner = self._strategy.choose(proposal, results)
         self._mark("programs")
+        self._planned = self._stage_started
+        self._solved = len(results), sum(result is not None for result in results)
 
         concluded = decision.conclude(
             snapshot, self._ground, self._book, picture, who, winner, parameters,
@@ -115,7 +129,13 @@ class Manager:
         """On the loop's clock; in lock-step there is none, so that nothing depends on the machine."""
         if self.options.clock == "lockstep":
             return None
-        return asyncio.get_running_loop().time() + self.options.parameters.program.deadline_s
+        most_s = self._pace.deadline_s(1e-3 * self._stages["auction"], self.options.parameters.program.deadline_s)
+        return asyncio.get_running_loop().time() + most_s
+
+    def published(self) -> None:
+        """The commands of the last control cycle are out: what it took decides what the next one tries."""
+        sequences, programs = 1e-3 * self._stages["auction"], 1e-3 * self._stages["programs"]
+        self._pace.learn(Took(sequences, programs, time.perf_counter() - self._planned), *self._solved)
 
     def _mark(self, stage: str) -> None:
         now = time.perf_counter()
@@ -227,6 +247,8 @@ class Manager:
             rejected_total={str(reason): n for reason, n in (self._tracker.rejected + self.unread).items()},
             fallback=self._tracker.fallbacks,
             silent=int(np.count_nonzero(snapshot.silent)),
+            dropped_total=self._pace.dropped,
+            unsolved_total=self._pace.unsolved,
         )
 
     def _log(self, settled: Settled, picture: Picture, snapshot: Snapshot) -> None:

@@ -135,7 +135,11 @@ class Step(Message, frozen=True, kw_only=True, tag="step", gc=False):
 
 
 class CycleReport(Message, frozen=True, kw_only=True, tag="cycle"):
-    """One per control cycle, after its commands. Counters with `_total` run from the start of the term."""
+    """One per control cycle, after its commands. Counters with `_total` run from the start of the term.
+
+    For want of time, `dropped_total` candidates were not tried, and `unsolved_total` control cycles went without
+    programs.
+    """
 
     term: Counter
     cycle: Counter
@@ -161,6 +165,8 @@ class CycleReport(Message, frozen=True, kw_only=True, tag="cycle"):
     rejected_total: dict[str, int]
     fallback: Counter
     silent: Counter
+    dropped_total: Counter = 0
+    unsolved_total: Counter = 0
 
 
 class LedgerEntry(Message, frozen=True, kw_only=True, tag="ledger", gc=False):

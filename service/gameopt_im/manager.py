@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,8 @@ log = structlog.get_logger()
 
 LATEST_S = 1e6
 """A slot farther off than this is none."""
+NAMED = 5
+"""Vehicles that are named in a line of the log, whatever their number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,7 @@ class Manager:
         self._stages: dict[str, float] = {}
         self._solved = 0, 0
         """Programs begun and solved in the last control cycle."""
+        self._refused, self._refusing = 0, False
 
     def _fresh_strategy(self) -> Strategy:
         return strategy_of(self.options, self._ground)
@@ -178,15 +182,13 @@ class Manager:
 
     def _write_ledger(self, settled: Settled, time_s: float) -> list[LedgerEntry]:
         """An entry when a clearance is taken and paid for, and again when its vehicle has left the zone."""
-        entries = []
-        for event in self._tracker.take_events():
+        entries, events = [], self._tracker.take_events()
+        _say(log.warning, "vehicles lost", [event.vehicle for event in events if event.kind == "lost"])
+        _say(log.info, "vehicles left out", [event.vehicle for event in events if event.kind == "stale"])
+        for event in events:
             if event.kind == "entered":
                 self._entered[event.vehicle] = event.entered_s
                 continue
-            if event.kind == "lost":
-                log.warning("vehicle lost", vehicle=event.vehicle, heard_s=event.heard_s)
-            elif event.kind == "stale":
-                log.info("vehicle left out", vehicle=event.vehicle, heard_s=event.heard_s)
             self._entered.pop(event.vehicle, None)
             self._open.pop(event.vehicle, None)
         for taken in settled.accepted:
@@ -253,14 +255,23 @@ class Manager:
 
     def _log(self, settled: Settled, picture: Picture, snapshot: Snapshot) -> None:
         """What should not happen is said once per control cycle; what happens all the time is not."""
-        for lapsed in settled.lapsed:
-            log.info("clearance lapsed", vehicle=lapsed.vehicle, clearance=lapsed.clearance)
-        for i in np.flatnonzero(picture.limits.phase == INTRUDING):
-            log.warning("in the zone without a clearance", vehicle=snapshot.ids[i], distance_m=float(snapshot.s[i]))
-        for vehicle in picture.strayed:
-            log.warning("strayed from its profile", vehicle=vehicle, cycle=snapshot.cycle)
-        for vehicle in picture.withdrawn:
-            log.warning("clearance withdrawn", vehicle=vehicle, cycle=snapshot.cycle)
+        intruding = [snapshot.ids[i] for i in np.flatnonzero(picture.limits.phase == INTRUDING)]
+        _say(log.info, "clearances lapsed", [lapsed.vehicle for lapsed in settled.lapsed])
+        _say(log.warning, "in the zone without a clearance", intruding)
+        _say(log.warning, "strayed from their profiles", picture.strayed)
+        _say(log.warning, "clearances withdrawn", picture.withdrawn)
+        refused = self._tracker.rejected["overload"]
+        if (refused > self._refused) != self._refusing:
+            self._refusing = not self._refusing
+            tell = log.warning if self._refusing else log.info
+            tell("vehicles refused" if self._refusing else "no more refused", vehicles=len(snapshot))
+        self._refused = refused
+
+
+def _say(tell: Callable[..., object], what: str, vehicles: Sequence[str]) -> None:
+    """One line, however many there are: a line each would take longer than the control cycle has."""
+    if vehicles:
+        tell(what, vehicles=len(vehicles), first=vehicles[:NAMED])
 
 
 def _offer(reservation: Reservation | None, now_s: float) -> Clearance | None:

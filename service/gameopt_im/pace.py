@@ -30,23 +30,26 @@ class Pace:
         self._ladder = Ladder(self._top)
         self._tried: tuple[Load, int] | None = None
         self._left_s = float("inf")
+        self._elapsed_s = 0.0
 
     def effort(self, load: Load, elapsed_s: float, left_s: float | None) -> Effort:
         """What to try, `elapsed_s` after the beginning, which had `left_s` to the next grid point; None: everything."""
         self._tried = None
         if left_s is None:
-            return self._of(self._top)
+            return Effort(self._top - self._beside)
         before = self._ladder.level
-        self._ladder = budget.step(self._ladder, self._costs, load, self._budget_s - elapsed_s, self._top)
+        # What happens once, a late beginning or a process held up, says nothing about the next control cycle.
+        steady_s, self._elapsed_s = min(elapsed_s, self._elapsed_s), elapsed_s
+        self._ladder = budget.step(self._ladder, self._costs, load, self._budget_s - steady_s, self._top)
         self._say(before, load)
-        # One that begins late has less time, which says nothing about the next.
         self._left_s = min(self._budget_s, left_s) - elapsed_s
         level = min(self._ladder.level, budget.fitting(self._costs, load, self._left_s, self._top))
-        self._tried = load, level
+        sequences = level or budget.without_programs(self._costs, load, self._left_s, self._top)
+        self._tried = load, sequences
         if load.uncleared:
-            self.dropped += self._top - max(level, budget.ALONE)
+            self.dropped += self._top - sequences
             self.unsolved += self._programs and level == budget.UNSOLVED
-        return self._of(level)
+        return Effort(sequences - self._beside, level > budget.UNSOLVED)
 
     def deadline_s(self, elapsed_s: float, most_s: float) -> float:
         """How long the programs may take that begin `elapsed_s` after `effort`: what follows has its time, too."""
@@ -59,12 +62,9 @@ class Pace:
         """What it took, for the next control cycle; `begun` programs of which some were `ready`."""
         if self._tried is None:
             return
-        load, level = self._tried
-        done = Done(max(level, budget.ALONE) if load.uncleared else 0, begun, ready)
+        load, sequences = self._tried
+        done = Done(sequences if load.uncleared else 0, begun, ready)
         self._costs = budget.learned(self._costs, load, done, took)
-
-    def _of(self, level: int) -> Effort:
-        return Effort(max(level, budget.ALONE) - self._beside, level > budget.UNSOLVED)
 
     def _say(self, before: int, load: Load) -> None:
         """Once per change."""
@@ -74,7 +74,7 @@ class Pace:
         tell = log.warning if level < before else log.info
         tell(
             "short of time" if level < before else "time to spare",
-            sequences=max(level, budget.ALONE),
+            sequences=level or "as many as fit",
             of=self._top,
             programs=level > budget.UNSOLVED,
             vehicles=load.vehicles,

@@ -15,7 +15,8 @@ from gameopt_wire.messages import STEP_S
 
 log = structlog.get_logger()
 
-CYCLES = 60
+CYCLES, SHORT_CYCLES = 65, 5
+"""Control cycles; the first of them with no time left, for what is done then has to be compiled, too."""
 NOTICEABLE_S = 2.0
 
 
@@ -28,7 +29,8 @@ async def warm_up(options: ServeOptions) -> None:
         manager = Manager(rehearsal, 0, pool)
         traffic = Rehearsal(options.map, 2 * len(options.map.movements))
         for cycle in range(CYCLES):
-            outcome = await manager.control_cycle(cycle, cycle * STEP_S, traffic.messages(cycle * STEP_S))
+            messages, left_s = traffic.messages(cycle * STEP_S), 0.0 if cycle < SHORT_CYCLES else None
+            outcome = await manager.control_cycle(cycle, cycle * STEP_S, messages, left_s)
             traffic.obey(outcome.commands)
     elapsed = time.perf_counter() - started
     if elapsed > NOTICEABLE_S:

@@ -20,7 +20,9 @@ from gameopt_im.core.budget import (
     fitting,
     learned,
     need_s,
+    rest_s,
     step,
+    without_programs,
 )
 from gameopt_wire.messages import STEP_S
 
@@ -64,6 +66,15 @@ def test_a_level_contains_those_below_it_and_more_time_never_means_less(
     assert fits == UNSOLVED or needs[fits] <= left_s
     assert fits == TOP or needs[fits + 1] > left_s
     assert fitting(costs, load, left_s + more_s, TOP) >= fits
+
+
+@given(costs=costs_, load=loads, left_s=st.floats(-1.0, 0.2))
+def test_without_programs_as_many_sequences_are_made_as_fit(costs: Costs, load: Load, left_s: float) -> None:
+    sequences = without_programs(costs, load, left_s, TOP)
+    each_s = need_s(costs, load, UNSOLVED) - rest_s(costs, load)
+    assert ALONE <= sequences <= TOP
+    assert sequences == ALONE or sequences * each_s + rest_s(costs, load) <= left_s + 1e-12
+    assert sequences == TOP or (sequences + 2) * each_s + rest_s(costs, load) > 0.8 * left_s
 
 
 @given(costs=costs_, load=loads, more=st.integers(0, 500), left_s=seconds)
@@ -126,12 +137,12 @@ def test_it_recovers_from_a_burst_and_from_a_long_overload() -> None:
     machine.run(3)
     assert machine.ladder.level == UNSOLVED
     machine.sequence_s, machine.program_s = 0.0002, 0.010
-    burst = machine.run(300)
+    burst = machine.run(100)
     assert burst[-1][0] == TOP
     machine.sequence_s, machine.program_s = 0.05, 0.1
     machine.run(3000)
     machine.sequence_s, machine.program_s = 0.0002, 0.010
-    assert machine.run(2 * MOST_CALM_CYCLES + 8 * 200)[-1][0] == TOP
+    assert machine.run(4 * MOST_CALM_CYCLES)[-1][0] == TOP
 
 
 def test_a_program_that_is_never_ready_in_time_makes_room_for_itself_then_is_left_out() -> None:

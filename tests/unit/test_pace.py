@@ -95,7 +95,16 @@ def test_a_late_start_says_nothing_about_the_next_control_cycle() -> None:
     assert (pace.dropped, pace.unsolved) == (8, 1)
 
 
-def test_candidates_go_before_the_program_and_come_back_one_by_one() -> None:
+def test_one_control_cycle_held_up_says_nothing_about_the_next() -> None:
+    pace = Pace(options())
+    pace.effort(LOAD, 0.001, 0.08)
+    pace.learn(SWIFT, 9, 1)
+    assert pace.effort(LOAD, 3.0, 0.08) == (0, False)
+    pace.learn(SWIFT, 0, 0)
+    assert pace.effort(LOAD, 0.001, 0.08) == (8, True)
+
+
+def test_candidates_go_before_the_program_and_come_back_step_by_step() -> None:
     pace = Pace(options())
     pace.effort(LOAD, 0.001, 0.08)
     for _ in range(2):
@@ -108,7 +117,7 @@ def test_candidates_go_before_the_program_and_come_back_one_by_one() -> None:
         pace.learn(Took(0.0001 * (tried[-1] + 1), 0.005, 0.001), tried[-1] + 1, 1)
         tried.append(pace.effort(LOAD, 0.001, 0.08).candidates)
     assert tried[-1] == 8
-    assert {after - before for before, after in pairwise(tried)} == {0, 1}
+    assert {after - before for before, after in pairwise(tried)} <= {0, 1, 2, 4}
 
 
 def test_programs_are_due_before_what_follows_them() -> None:
@@ -128,5 +137,5 @@ def test_what_is_short_is_said_once_per_change(capsys: pytest.CaptureFixture[str
         pace.learn(took, 9, 1)
     said = capsys.readouterr().out
     assert "short of time" in said
-    assert said.count("time to spare") == 9
+    assert said.count("time to spare") == 5  # 1, 2, 4, 8 and 9 sequences
     assert len(said.splitlines()) < 15

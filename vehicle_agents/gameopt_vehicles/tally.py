@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gameopt_wire.messages import CycleReport
 
-_TOTALS = ("qp_solved_total", "qp_failed_total", "qp_late_total", "missed_total")
+_TOTALS = ("qp_solved_total", "qp_failed_total", "qp_late_total", "missed_total", "dropped_total", "unsolved_total")
 
 
 class Tally:

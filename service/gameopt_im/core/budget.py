@@ -3,13 +3,14 @@
 Theory of operation. The work is a ladder; each level takes in all below it:
 
     0      slots for one sequence, the incumbent, driven on the approach law
-    1      and the program of q*
-    1 + k  and k more sequences, by the first k weight vectors
+    1      and its program
+    1 + k  and k more sequences, by the first k weight vectors, and the program of q*
 
+On level 0 the time that no program can use goes to sequences again, as many as fit (`without_programs`).
 The interlock and the commands stand outside of the ladder: they are always worked out. What a level will cost follows
 from what earlier control cycles took, measured by whoever calls; no clock is read here. A cost rises at once and falls
-slowly, and so does the level fall and rise: down as soon as it does not fit, up by one after a number of control
-cycles with time to spare, a number that doubles whenever the level falls again.
+slowly, and so does the level fall and rise: down as soon as it does not fit, up by one, later to twice as much, after
+a number of control cycles with time to spare, a number that doubles whenever the level falls again.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ FADE = 0.98
 LATE = 2.0
 """A program that was not ready in its time is taken to need so many times as long."""
 SPARE = 0.8
-"""The level rises only if the next one fits into this share of the time."""
-CALM_CYCLES, MOST_CALM_CYCLES = 10, 320
+"""The level rises only to what fits into this share of the time."""
+CALM_CYCLES, MOST_CALM_CYCLES = 5, 320
 """Control cycles with time to spare before the level rises: at first, and after many falls."""
 
 
@@ -101,18 +102,25 @@ def fitting(costs: Costs, load: Load, left_s: float, top: int) -> int:
     return next((level for level in range(top, UNSOLVED, -1) if need_s(costs, load, level) <= left_s), UNSOLVED)
 
 
+def without_programs(costs: Costs, load: Load, left_s: float, top: int) -> int:
+    """How many sequences, one to `top`, fit into `left_s` on level 0, with time to spare."""
+    each_s = costs.sequence * (load.uncleared + HANDFUL)
+    room_s = SPARE * left_s - rest_s(costs, load)
+    return next((count for count in range(top, ALONE, -1) if count * each_s <= room_s), ALONE)
+
+
 def step(ladder: Ladder, costs: Costs, load: Load, left_s: float, top: int) -> Ladder:
     """The ladder for a control cycle that has `left_s` from here on."""
     fits = fitting(costs, load, left_s, top)
     if fits < ladder.level:
         return Ladder(fits, 0, min(2 * ladder.patience, MOST_CALM_CYCLES), rose=False)
-    upwards = min(ladder.level + 1, top)
-    if need_s(costs, load, upwards) > SPARE * left_s:
+    roomy = min(fitting(costs, load, SPARE * left_s, top), max(ladder.level + 1, 2 * ladder.level))
+    if roomy < min(ladder.level + 1, top):
         return ladder._replace(calm=0)
     if ladder.calm + 1 < ladder.patience:
         return ladder._replace(calm=ladder.calm + 1)
     patience = max(ladder.patience // 2, CALM_CYCLES) if ladder.rose else ladder.patience
-    return Ladder(upwards, 0, patience, rose=True)
+    return Ladder(roomy, 0, patience, rose=True)
 
 
 def learned(costs: Costs, load: Load, done: Done, took: Took) -> Costs:

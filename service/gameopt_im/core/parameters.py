@@ -249,7 +249,7 @@ class Service(Section, frozen=True, kw_only=True):
         float,
         Meta(ge=1, le=600, description="longest a silent vehicle blocks the ground it may stand on (s)"),
     ] = 30.0
-    max_vehicles: Annotated[int, Meta(ge=1, le=100_000, description="more vehicles than this are not taken in")] = 2000
+    max_vehicles: Annotated[int, Meta(ge=1, le=100_000, description="more vehicles than this are not taken in")] = 1000
 
 
 class Parameters(Section, frozen=True, kw_only=True):

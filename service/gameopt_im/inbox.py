@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Literal, NamedTuple
 
 from gameopt_wire import keys
@@ -31,7 +31,7 @@ def split_steps(messages: Iterable[Raw]) -> tuple[list[Raw], list[Raw]]:
     return of_vehicles, steps
 
 
-def within(messages: Sequence[Raw], most: int, known: Container[str]) -> tuple[Sequence[Raw], int]:
+def within(messages: Sequence[Raw], most: int, known: Iterable[str]) -> tuple[Sequence[Raw], int]:
     """At most so many of the messages, in their order, and how many of the vehicles' are left out.
 
     Those under the keys of `known` vehicles come first, and of either the newest: who is there already is not crowded
@@ -39,9 +39,11 @@ def within(messages: Sequence[Raw], most: int, known: Container[str]) -> tuple[S
     """
     if len(messages) <= most:
         return messages, 0
-    of_known = [k for k, raw in enumerate(messages) if keys.vehicle_of(raw.key) in known][-most:]
-    taken = set(of_known)
-    others = [k for k in range(len(messages)) if k not in taken]
-    taken.update(others[len(of_known) - most or len(others) :])
+    chunks = {keys.encode(vehicle) for vehicle in known}
+    of_known, others = list[int](), list[int]()
+    for k, raw in enumerate(messages):
+        (of_known if raw.key.rpartition("/")[2] in chunks else others).append(k)
+    taken = of_known[-most:]
+    taken += others[max(0, len(others) - most + len(taken)) :]
     kept = [messages[k] for k in sorted(taken)]
     return kept, sum(raw.kind != "gone" for raw in messages) - sum(raw.kind != "gone" for raw in kept)

@@ -24,11 +24,13 @@ UNSOLVED, ALONE = 0, 1
 HANDFUL = 10
 """What is fixed in a cost is taken to be as much as so many vehicles cost."""
 RISE, FALL = 0.5, 0.1
-"""Weight of a new measurement that is dearer than the estimate, and of one that is cheaper."""
+"""Weight of a new measurement that is dearer than the estimate, and of one that is cheaper. Programs end at their
+deadline whatever they need, so for them it is always the smaller one: a late one now and then is no reason to stop.
+"""
 FADE = 0.98
 """An estimate that cannot be renewed falls to this share per control cycle, so that it is tried again some day."""
 LATE = 2.0
-"""A program that was not ready in its time is taken to need so many times as long."""
+"""A program that was not ready in its time is taken to need so many times as long: if most are late, none fits."""
 SPARE = 0.8
 """The level rises only to what fits into this share of the time."""
 CALM_CYCLES, MOST_CALM_CYCLES = 5, 320
@@ -131,10 +133,10 @@ def learned(costs: Costs, load: Load, done: Done, took: Took) -> Costs:
         sequence = _towards(sequence, took.sequences / done.sequences / planned, planned)
     if done.begun:
         each = took.programs / done.ready if done.ready else LATE * took.programs
-        program = _towards(costs.program, each / planned, planned)
+        program = _towards(costs.program, each / planned, planned, FALL)
     return Costs(sequence, program, _towards(costs.rest, took.rest / present, present))
 
 
-def _towards(estimate: float, measured: float, size: int) -> float:
+def _towards(estimate: float, measured: float, size: int, rise: float = RISE) -> float:
     measured = min(measured, STEP_S / size)
-    return estimate + (RISE if measured > estimate else FALL) * (measured - estimate)
+    return estimate + (rise if measured > estimate else FALL) * (measured - estimate)

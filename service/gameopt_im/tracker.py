@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -26,8 +26,9 @@ from gameopt_im.core.bids import assign, class_bounds
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.snapshot import Bools, Ints, Snapshot
+from gameopt_im.core.tracking import LEFT, LOST, STALE, STAYS, Patience, fates, has_left
 from gameopt_im.inbox import Raw, within
-from gameopt_im.tracked import Heard, Tracked, could_stop, heard_of, holding, picture, same_body
+from gameopt_im.tracked import Heard, Tracked, heard_of, picture, same_body
 from gameopt_wire import codec, keys
 from gameopt_wire.intersection import IntersectionMap
 from gameopt_wire.messages import STEP_S, Bid, Clock, State
@@ -50,9 +51,8 @@ AFTER_EXIT_M = 60.0
 """Vehicles are kept this far past the stretch over which exit headways are opened (`exit.distance_m`)."""
 
 _NOBODY: frozenset[str] = frozenset()
-LEFT, LOST, STALE = 1, 2, 3
 FATES: dict[int, EventKind] = {LEFT: "left", LOST: "lost", STALE: "stale"}
-"""What may become of a vehicle that is dropped; 0 stays."""
+"""What is said of a vehicle that is dropped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +84,8 @@ class Tracker:
         self._movements = {movement.id: index for index, movement in enumerate(intersection.movements)}
         self._zone_m: list[float] = [intersection.lanes[movement.lane].zone_m for movement in intersection.movements]
         self._exit_end_m = ground.length + ground.exit_length
+        service, stretch_m = parameters.service, parameters.exit.distance_m
+        self._patience = Patience(service.stale_s, service.hold_s, stretch_m, stretch_m + AFTER_EXIT_M)
         self._vehicles: dict[str, Tracked] = {}
         self._ordered: list[Tracked] | None = None
         self.reserved: Collection[str] = _NOBODY
@@ -185,12 +187,12 @@ class Tracker:
         present = self._in_order()
         heard = heard_of(present)
         held = self._are_reserved(present)
-        fates = self._fates(heard, held, time_s)
-        if fates.any():
-            for vehicle, fate in zip(present, fates.tolist(), strict=True):
-                if fate:
+        become = self._fates(heard, held, time_s)
+        if become.any():
+            for vehicle, fate in zip(present, become.tolist(), strict=True):
+                if fate != STAYS:
                     self._drop(vehicle, FATES[fate], time_s)
-            present, heard, held = self._in_order(), heard.only(fates == 0), held[fates == 0]
+            present, heard, held = self._in_order(), heard.only(become == STAYS), held[become == STAYS]
         self._forget(time_s)
         self.fallbacks = int(np.count_nonzero(heard.fallback))
         silent_s = SILENT_CYCLES[self._clock] * STEP_S
@@ -270,7 +272,8 @@ class Tracker:
             priority=assign(bounds, bid.assertiveness if bid else bounds.assertiveness[0]),
         )
         if known is None:
-            if self._has_left(movement, state.length_m, -state.distance_m):
+            rear_m = -state.distance_m - state.length_m - self._ground.clear[movement]
+            if has_left(rear_m, -state.distance_m, self._exit_end_m[movement], self._patience):
                 return  # it still speaks of the way behind the exit; that is nobody's entry
             self._tell("entered", vehicle, now_s)
         vehicle.note(self._term)
@@ -285,27 +288,11 @@ class Tracker:
         for name in [name for name, state in self._gone.items() if state.time_s < oldest_s]:
             del self._gone[name]
 
-    def _has_left(self, movement: Any, length_m: Any, front_m: Any) -> Any:
-        """Whether it is through, its front this far past the line: rear clear, and the exit stretch done."""
-        rear_m = front_m - length_m - self._ground.clear[movement]
-        stretch_m = self._parameters.exit.distance_m + AFTER_EXIT_M
-        return (rear_m >= 0.0) & ((rear_m >= stretch_m) | (front_m >= self._exit_end_m[movement]))
-
     def _fates(self, heard: Heard, held: Bools, time_s: float) -> Ints:
-        """(n,) which of `FATES` each vehicle has now."""
-        service, movement = self._parameters.service, heard.movement
-        age = time_s - heard.time
-        front = -heard.s
-        rear = front - heard.length - self._ground.clear[movement]
-        # Heard last where nothing can be in its way any more, or about to leave the map.
-        was_clear = (rear >= 0.0) | (front + 2.0 * STEP_S * heard.v >= self._exit_end_m[movement])
-        # Its silence means that it needs no more commands: its headway has been opened.
-        released = (age > 1.5 * STEP_S) & (rear >= self._parameters.exit.distance_m)
-        through = self._has_left(movement, heard.length, heard.v * np.maximum(age, 0.0) + front)
-        left = was_clear & ((heard.vanished > 0) | released | through)
-        lost = age > service.hold_s
-        stale = (age > service.stale_s) & could_stop(heard) & ~holding(heard, held)
-        return np.select([left, lost, stale], [LEFT, LOST, STALE])
+        return fates(
+            heard.time, heard.s, heard.v, heard.length, heard.b_max, heard.movement, heard.accepted, heard.vanished,
+            held, self._ground.clear, self._exit_end_m, time_s, self._patience,
+        )  # fmt: skip
 
 
 def _outdated(known: State | Bid | None, new: State | Bid) -> Reason | None:

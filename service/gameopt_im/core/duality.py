@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gameopt_im.core.corridor import Bounds
-from gameopt_im.core.horizon import HorizonRules, HorizonTask, cost, way_matrix
+from gameopt_im.core.horizon import HorizonRules, HorizonTask, cost, mean_speeds
 from gameopt_im.core.kinematics import kernel
 from gameopt_im.core.snapshot import Floats, Ints
 
@@ -18,32 +18,43 @@ def least_objective(task: HorizonTask, rules: HorizonRules, given: Bounds, duals
 
     By weak duality any multipliers (n, 4, H) give one, and those of a candidate with slots much alike a close one.
     """
-    data, q = cost(task, rules)
-    way = way_matrix(rules.blocks) / np.cumsum(rules.blocks)[:, None]
-    fast, steady = rules.trade_off * task.ps, (1.0 - rules.trade_off) * task.pv
-    constant = np.sum(len(rules.blocks) * fast * task.top**2 + steady * task.v**2)
-    counts = np.array(task.counts)
-    dual = _dual_value(counts, data, q, way, given.lower - play, given.upper + play, duals)
-    return max(0.0, float(constant + dual))
+    dual = _dual_value(
+        np.array(task.counts), task.ps, task.pv, task.top, task.v, rules.trade_off, mean_speeds(rules.blocks),
+        given.lower, given.upper, play, duals,
+    )  # fmt: skip
+    return max(0.0, float(dual))
 
 
 @kernel
 def _dual_value(
-    counts: Ints, data: Floats, q: Floats, way: Floats, lower: Floats, upper: Floats, duals: Floats
+    counts: Ints,
+    ps: Floats,
+    pv: Floats,
+    top: Floats,
+    v: Floats,
+    trade_off: float,
+    way: Floats,
+    lower: Floats,
+    upper: Floats,
+    play: float,
+    duals: Floats,
 ) -> float:
-    """The dual function -1/2 r'P^-1 r - sum (u y+ - l y-) with r = q + A'y, at the y of these duals that fit.
+    """The constant of J and the dual function -1/2 r'P^-1 r - sum (u y+ - l y-) with r = q + A'y, at the y that fit.
 
-    `data` and `q` as `cost` gives them, `way` (H, H) as in A. -inf where P is singular.
+    `way` (H, H) as in A. -inf where P is singular.
     """
+    data, q = cost(ps, pv, top, v, trade_off, way.shape[0])
     n, h = q.shape
     y, value, first = duals.copy(), 0.0, 0
+    for i in range(n):
+        value += h * trade_off * ps[i] * top[i] ** 2 + (1.0 - trade_off) * pv[i] * v[i] ** 2
     for platoon in range(counts.shape[0]):
         y[first, 3] = 0.0
         first += counts[platoon]
     for i in range(n):
         for kind in range(4):
             for k in range(h):
-                bound = upper[i, kind, k] if y[i, kind, k] > 0.0 else lower[i, kind, k]
+                bound = upper[i, kind, k] + play if y[i, kind, k] > 0.0 else lower[i, kind, k] - play
                 if abs(bound) > FAR_MPS:
                     y[i, kind, k] = 0.0
                 else:

@@ -17,9 +17,8 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 
 from gameopt_im.solver import horizon_job, jobs
-from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome, PlatoonJob
+from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome, PlatoonJob, PlatoonSolution
 from gameopt_im.solver.pool import Counts, Pool
-from gameopt_im.solver.workspace import Solution
 from gameopt_wire.messages import Profile
 
 ROUNDING = 1e-9
@@ -33,7 +32,7 @@ class Contest:
     """
 
     def __init__(self, workers: int) -> None:
-        self._pool = Pool[PlatoonJob, Solution](workers, jobs.SOLVE, horizon_job.warm_up().programs())
+        self._pool = Pool[PlatoonJob, PlatoonSolution](workers, jobs.SOLVE, horizon_job.warm_up().programs())
 
     @property
     def counts(self) -> Counts:
@@ -92,7 +91,7 @@ class Contest:
 
 
 Met: TypeAlias = tuple[int, bytes]
-Solutions: TypeAlias = dict[Met, Solution | None]
+Solutions: TypeAlias = dict[Met, PlatoonSolution | None]
 """The solutions of a control cycle's platoons, by their slots."""
 
 

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from gameopt_im.core import duality, horizon
-from gameopt_im.core.horizon import HorizonRules, HorizonTask, Platoon, Start
+from gameopt_im.core.horizon import HorizonRules, HorizonTask, Start
 from gameopt_im.core.kinematics import manner_of
 from gameopt_im.core.parameters import Planner
 from gameopt_im.core.planning import Stake
-from gameopt_im.core.program import QP, Csc
-from gameopt_im.core.snapshot import Floats, Ints
+from gameopt_im.core.snapshot import Floats
 from gameopt_im.solver.jobs import Outcome
-from gameopt_im.solver.workspace import Solution, kept_workspace
+from gameopt_im.solver.workspace import kept_workspace
 
 COST_SCALE = 0.005
 """The program's cost is scaled by this: J may be off by more than the speeds are."""
@@ -69,28 +69,24 @@ class HorizonJob:
 
     def programs(self) -> list[PlatoonJob]:
         """Its programs, which different workers may solve."""
-        n = len(self.slots)
-        whole = horizon.build(self.task, self.rules, self.slots)
-        start = self.start or Start(np.full_like(whole.q, np.nan), np.zeros_like(whole.lower))
-        values = np.concatenate([part.reshape(n, -1) for part in (*whole, *start)], axis=1)
+        values = horizon.build(self.task, self.rules, self.slots, self.start)
         ends = np.cumsum(self.task.counts)
         return [
             PlatoonJob(values[end - count : end], self.rules.blocks, self.residual_mps)
             for count, end in zip(self.task.counts, ends, strict=True)
         ]
 
-    def joined(self, solutions: Sequence[Solution | None]) -> HorizonOutcome | None:
+    def joined(self, solutions: Sequence[PlatoonSolution | None]) -> HorizonOutcome | None:
         """Speeds for the next control cycle and J, from the solutions of all platoons."""
         solved = [solution for solution in solutions if solution is not None]
         if len(solved) < len(self.task.counts):
             return None
-        u = np.concatenate([solution.x for solution in solved])
-        duals = [horizon.by_vehicle(each.y, count) for each, count in zip(solved, self.task.counts, strict=True)]
+        u = np.concatenate([solution.u for solution in solved])
         return HorizonOutcome(
             horizon.first_speeds(self.task, self.rules, u),
             horizon.objective(self.task, self.rules, u),
             max(solution.residual for solution in solved),
-            Start(u.reshape(len(self.slots), -1), np.concatenate(duals)),
+            Start(u, np.concatenate([solution.duals for solution in solved])),
         )
 
     def solve(self) -> HorizonOutcome | None:
@@ -103,57 +99,41 @@ class HorizonJob:
         return self.stake.cost(duality.least_objective(self.task, self.rules, given, duals, self.residual_mps))
 
 
-@dataclass(frozen=True, slots=True)
-class PlatoonJob:
-    """One program of a candidate: `values` (m, ...) are those of a `Platoon` and a `Start` side by side.
+class PlatoonSolution(NamedTuple):
+    """Speeds at the ends of the blocks (m, H), multipliers (m, 4, H), and the largest violation of a row, m/s."""
 
-    One array goes to a worker several times as fast as seven.
-    """
+    u: Floats
+    duals: Floats
+    residual: float
+
+
+class PlatoonJob(NamedTuple):
+    """One program of a candidate: its rows of `horizon.build`."""
 
     values: Floats
     blocks: tuple[float, ...]
     residual_mps: float
 
-    def solve(self) -> Solution | None:
-        """The speeds at the ends of the blocks, and the multipliers."""
+    def solve(self) -> PlatoonSolution | None:
+        """The solution by the quick step size, or else by the safe one from zero multipliers: those may be at fault."""
+        qp, x, duals = horizon.program(self.values, self.blocks, COST_SCALE)
         count, h = len(self.values), len(self.blocks)
-        cost, q, lower, upper, reference, u, duals = np.split(self.values, _columns(h), axis=1)
-        rows = (count, 4, h)
-        platoon = Platoon(cost, q, lower.reshape(rows), upper.reshape(rows), reference)
-        start = np.where(np.isnan(u), reference, u).ravel()
-        return _attempted(platoon.program(self.blocks), start, horizon.in_rows(duals.reshape(rows)), self.residual_mps)
-
-
-@lru_cache(maxsize=8)
-def _columns(h: int) -> Ints:
-    """Where the parts of a `PlatoonJob` begin, but for the first."""
-    return np.cumsum([2 * h - 1, h, 4 * h, 4 * h, h, h])
-
-
-def _attempted(qp: QP, start: Floats, duals: Floats, residual_mps: float) -> Solution | None:
-    """The solution by the quick step size, or else by the safe one, without the multipliers that may be at fault."""
-    lengths, scaled = _row_lengths(*qp.A.shape), _scaled(qp)
-    none = np.zeros_like(duals)
-    for rho, iterations, y in ((QUICK_RHO, QUICK_ITERATIONS, duals), (SAFE_RHO, SAFE_ITERATIONS, none)):
-        workspace = kept_workspace(
-            residual_mps=residual_mps, max_iter=iterations, rho=rho, alpha=ALPHA, tolerance=TOLERANCE, capacity=128,
-            check=CHECK,
-        )  # fmt: skip
-        solution = workspace.solve(qp.A.shape, scaled, start, y * COST_SCALE, lengths)
-        if solution is not None:
-            return replace(solution, y=solution.y / COST_SCALE)
-    return None
+        for rho, iterations, y in ((QUICK_RHO, QUICK_ITERATIONS, duals), (SAFE_RHO, SAFE_ITERATIONS, None)):
+            workspace = kept_workspace(
+                residual_mps=self.residual_mps, max_iter=iterations, rho=rho, alpha=ALPHA, tolerance=TOLERANCE,
+                capacity=128, check=CHECK,
+            )  # fmt: skip
+            solution = workspace.solve(qp.A.shape, qp, x, y, _row_lengths(*qp.A.shape))
+            if solution is not None:
+                multipliers = horizon.by_vehicle(solution.y, count, COST_SCALE)
+                return PlatoonSolution(solution.x.reshape(count, h), multipliers, solution.residual)
+        return None
 
 
 @lru_cache(maxsize=512)
 def _row_lengths(rows: int, columns: int) -> Floats:
     """(m,) `ROW_LENGTHS` in the order of a platoon's rows: of three kinds as many as there are variables."""
     return np.repeat(ROW_LENGTHS, [columns, columns, columns, rows - 3 * columns])
-
-
-def _scaled(qp: QP) -> QP:
-    p = Csc((qp.P.shape[0], qp.P.shape[1]), qp.P.data * COST_SCALE, qp.P.indices, qp.P.indptr)
-    return replace(qp, P=p, q=qp.q * COST_SCALE)
 
 
 def warm_up() -> HorizonJob:

@@ -65,7 +65,6 @@ async def measure(options: ServeOptions, count: int, left_s: float | None) -> st
         f"{100 * unsolved:.0f} %",
         f"{late}",
         ", ".join(f"{name} {each:.1f}" for name, each in stages.items()),
-        str(max(seen, key=lambda r: r.elapsed_ms).stages_ms),
     ]
     return "| " + " | ".join(figures) + " |"
 

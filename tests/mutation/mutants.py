@@ -349,4 +349,25 @@ MUTANTS = (
         "model.addCons(left - most * active <= slack)",
         f"{UNIT}/test_joint.py::test_the_answer_is_the_best_of_all_orders_that_keep_the_lanes[4-3]",
     ),
+    Mutant(
+        "candidates tried whatever the time",
+        f"{CORE}/budget.py",
+        "if fits < ladder.level:",
+        "if False:",
+        f"{UNIT}/test_pace.py::test_candidates_go_before_the_program_and_come_back_step_by_step",
+    ),
+    Mutant(
+        "a vehicle with a clearance refused",
+        "service/gameopt_im/admission.py",
+        "return state.accepted is None and ",
+        "return ",
+        f"{UNIT}/test_admission.py::test_who_may_have_to_cross_is_never_refused",
+    ),
+    Mutant(
+        "a flood that crowds out who is there",
+        "service/gameopt_im/inbox.py",
+        '(of_known if raw.key.rpartition("/")[2] in chunks else others).append(k)',
+        "others.append(k)",
+        f"{UNIT}/test_admission.py::test_a_flood_is_counted_and_not_read_and_whoever_is_there_is_heard",
+    ),
 )

@@ -351,10 +351,10 @@ MUTANTS = (
     ),
     Mutant(
         "candidates tried whatever the time",
-        f"{CORE}/budget.py",
-        "if fits < ladder.level:",
-        "if False:",
-        f"{UNIT}/test_pace.py::test_candidates_go_before_the_program_and_come_back_step_by_step",
+        "service/gameopt_im/pace.py",
+        "level = min(self._ladder.level, budget.fitting(self._costs, load, self._left_s, self._top))",
+        "level = self._ladder.level",
+        f"{UNIT}/test_pace.py::test_a_late_start_says_nothing_about_the_next_control_cycle",
     ),
     Mutant(
         "a vehicle with a clearance refused",

@@ -3,8 +3,8 @@
     python tests/load/overload.py [VEHICLES ...]
 
 Made-up traffic that obeys, on the packaged junction with 600 m of control zone, so that a thousand vehicles fit on it;
-nothing is sent anywhere. Takes a few minutes. CPU is the manager's own time, without its workers': on a machine that does
-other things it says more than the time that went by.
+nothing is sent anywhere. Takes a few minutes. CPU is the manager's own time, without its workers': on a machine that
+does other things it says more than the time that went by.
 """
 
 from __future__ import annotations
@@ -80,7 +80,8 @@ async def main(counts: Sequence[int]) -> None:
     roads = msgspec.structs.replace(known, lanes=lanes)
     wall = ServeOptions(map=roads, parameters=Parameters(), clock="wall")
     await warm_up(replace(wall, map=known))
-    head = "vehicles|uncleared|budget|p50 ms|p99|max|CPU p50|CPU p99|over 80 ms|dropped|unsolved|late programs|stages, median ms"
+    head = "vehicles|uncleared|budget|p50 ms|p99|max|CPU p50|CPU p99|over 80 ms|dropped|unsolved|late programs"
+    head += "|stages, median ms"
     print(f"| {head.replace('|', ' | ')} |\n|{' ---: |' * 13}", flush=True)  # noqa: T201
     for count in counts:
         for left_s in (LEFT_S, None):

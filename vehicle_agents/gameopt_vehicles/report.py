@@ -85,11 +85,11 @@ class ControlCycle(msgspec.Struct, kw_only=True):
 
     count: int
     missed: int
-    dropped: int = 0
-    unsolved: int = 0
     p50_ms: float | None
     p99_ms: float | None
     max_ms: float | None
+    dropped: int = 0
+    unsolved: int = 0
 
 
 class Programs(msgspec.Struct, kw_only=True):

@@ -34,6 +34,8 @@ log = structlog.get_logger()
 
 LATEST_S = 1e6
 """A slot farther off than this is none."""
+QUIET_CYCLES = 100
+"""Control cycles without a refusal after which the next one is said again."""
 NAMED = 5
 """Vehicles that are named in a line of the log, whatever their number."""
 
@@ -72,7 +74,7 @@ class Manager:
         self._stages: dict[str, float] = {}
         self._solved = 0, 0
         """Programs begun and solved in the last control cycle."""
-        self._refused, self._refusing = 0, False
+        self._refused, self._refusing_until = 0, -1
 
     def _fresh_strategy(self) -> Strategy:
         return strategy_of(self.options, self._ground)
@@ -261,11 +263,10 @@ class Manager:
         _say(log.warning, "strayed from their profiles", picture.strayed)
         _say(log.warning, "clearances withdrawn", picture.withdrawn)
         refused = self._tracker.rejected["overload"]
-        if (refused > self._refused) != self._refusing:
-            self._refusing = not self._refusing
-            tell = log.warning if self._refusing else log.info
-            tell("vehicles refused" if self._refusing else "no more refused", vehicles=len(snapshot))
-        self._refused = refused
+        if refused > self._refused:
+            if snapshot.cycle > self._refusing_until:
+                log.warning("vehicles refused", vehicles=len(snapshot))
+            self._refused, self._refusing_until = refused, snapshot.cycle + QUIET_CYCLES
 
 
 def _say(tell: Callable[..., object], what: str, vehicles: Sequence[str]) -> None:

@@ -30,7 +30,7 @@ class Pace:
         self._ladder = Ladder(self._top)
         self._tried: tuple[Load, int] | None = None
         self._left_s = float("inf")
-        self._elapsed_s = 0.0
+        self._elapsed_s = self._allowed_s = 0.0
 
     def effort(self, load: Load, elapsed_s: float, left_s: float | None) -> Effort:
         """What to try, `elapsed_s` after the beginning, which had `left_s` to the next grid point; None: everything."""
@@ -56,13 +56,16 @@ class Pace:
         if self._tried is None:
             return most_s
         left_s = self._left_s - elapsed_s - budget.rest_s(self._costs, self._tried[0])
-        return min(most_s, max(left_s, 0.0))
+        self._allowed_s = min(most_s, max(left_s, 0.0))
+        return self._allowed_s
 
     def learn(self, took: Took, begun: int, ready: int) -> None:
         """What it took, for the next control cycle; `begun` programs of which some were `ready`."""
         if self._tried is None:
             return
         load, sequences = self._tried
+        if begun and not ready:  # workers that are still busy with older ones give up at once
+            took = took._replace(programs=max(took.programs, self._allowed_s))
         done = Done(sequences if load.uncleared else 0, begun, ready)
         self._costs = budget.learned(self._costs, load, done, took)
 

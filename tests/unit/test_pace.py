@@ -130,6 +130,17 @@ def test_programs_are_due_before_what_follows_them() -> None:
     assert pace.deadline_s(0.050, 0.04) == 0.0
 
 
+def test_programs_that_busy_workers_never_began_are_taken_to_be_late_not_quick() -> None:
+    pace = Pace(options())
+    tried = []
+    for _ in range(30):
+        tried.append(pace.effort(LOAD, 0.001, 0.08).programs)
+        pace.deadline_s(0.001, 0.04)
+        pace.learn(Took(0.001, 0.0001, 0.001), 9, 0)
+    assert tried[0]
+    assert not all(tried)
+
+
 def test_what_is_short_is_said_once_per_change(capsys: pytest.CaptureFixture[str]) -> None:
     pace = Pace(options())
     for took in (SWIFT, *[SLOW] * 50, *[SWIFT] * 2000):

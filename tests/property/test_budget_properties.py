@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from gameopt_im.core.budget import (
     ALONE,
     MOST_CALM_CYCLES,
+    SHARED,
+    SPARE,
     UNSOLVED,
     Costs,
     Done,
@@ -49,9 +51,10 @@ class Machine:
         self.ladder = step(self.ladder, self.costs, self.load, BUDGET_S, TOP)
         level = self.ladder.level
         sequences, begun = max(level, ALONE), int(level > UNSOLVED)
-        until_s = max(0.0, min(DEADLINE_S, BUDGET_S - sequences * self.sequence_s - rest_s(self.costs, self.load)))
+        auction_s = (sequences + SHARED) * self.sequence_s
+        until_s = max(0.0, min(DEADLINE_S, BUDGET_S - auction_s - rest_s(self.costs, self.load)))
         ready = int(begun and self.program_s <= until_s)
-        took = Took(sequences * self.sequence_s, begun * min(self.program_s, until_s), self.rest_s)
+        took = Took(auction_s, begun * min(self.program_s, until_s), self.rest_s)
         self.costs = learned(self.costs, self.load, Done(sequences, begun, ready), took)
         return sum(took)
 
@@ -76,10 +79,11 @@ def test_a_level_contains_those_below_it_and_more_time_never_means_less(
 @given(costs=costs_, load=loads, left_s=st.floats(-1.0, 0.2))
 def test_without_programs_as_many_sequences_are_made_as_fit(costs: Costs, load: Load, left_s: float) -> None:
     sequences = without_programs(costs, load, left_s, TOP)
-    each_s = need_s(costs, load, UNSOLVED) - rest_s(costs, load)
+    all_s = [need_s(costs, load, level) for level in range(TOP + 2)]
+    programs_s = need_s(costs, load, ALONE) - need_s(costs, load, UNSOLVED)
     assert ALONE <= sequences <= TOP
-    assert sequences == ALONE or sequences * each_s + rest_s(costs, load) <= left_s + 1e-12
-    assert sequences == TOP or (sequences + 2) * each_s + rest_s(costs, load) > 0.8 * left_s
+    assert sequences == ALONE or all_s[sequences] - programs_s <= SPARE * left_s + 1e-12
+    assert sequences == TOP or all_s[sequences + 1] - programs_s > SPARE * left_s - 1e-12
 
 
 @given(costs=costs_, load=loads, more=st.integers(0, 500), left_s=seconds)
@@ -107,8 +111,8 @@ def test_whatever_was_measured_one_sequence_remains_and_estimates_stay_within_a_
     ("sequence_s", "program_s", "level"),
     [
         (0.0002, 0.010, 9),
-        (0.0080, 0.020, 4),  # 0.002 + 4 * 0.008 + 0.020 = 0.054
-        (0.0200, 0.030, 1),
+        (0.0050, 0.020, 4),  # 0.002 + (4 + 3) * 0.005 + 0.020 = 0.057
+        (0.0085, 0.020, 1),
         (0.0050, 0.070, 0),  # not even one program
         (0.2000, 0.200, 0),  # not even the incumbent: nothing more can be left out
     ],

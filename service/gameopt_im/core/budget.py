@@ -23,6 +23,10 @@ UNSOLVED, ALONE = 0, 1
 """Levels: without programs; one sequence with its program."""
 HANDFUL = 10
 """What is fixed in a cost is taken to be as much as so many vehicles cost."""
+SHARED = 3
+"""What all sequences share, bids above all, is taken to cost as much as so many sequences: measured, 260 to 520
+vehicles. Without it, one sequence alone would look so dear that the others never came back.
+"""
 RISE, FALL = 0.5, 0.1
 """Weight of a new measurement that is dearer than the estimate, and of one that is cheaper. Programs end at their
 deadline whatever they need, so for them it is always the smaller one: a late one now and then is no reason to stop.
@@ -95,7 +99,7 @@ def rest_s(costs: Costs, load: Load) -> float:
 def need_s(costs: Costs, load: Load, level: int) -> float:
     """What a level needs with all that comes after it, s; never less than a lower one."""
     programs = costs.program if level > UNSOLVED else 0.0
-    planned = costs.sequence * max(level, ALONE) + programs
+    planned = costs.sequence * (max(level, ALONE) + SHARED) + programs
     return planned * (load.uncleared + HANDFUL) + rest_s(costs, load)
 
 
@@ -108,7 +112,7 @@ def without_programs(costs: Costs, load: Load, left_s: float, top: int) -> int:
     """How many sequences, one to `top`, fit into `left_s` on level 0, with time to spare."""
     each_s = costs.sequence * (load.uncleared + HANDFUL)
     room_s = SPARE * left_s - rest_s(costs, load)
-    return next((count for count in range(top, ALONE, -1) if count * each_s <= room_s), ALONE)
+    return next((count for count in range(top, ALONE, -1) if (count + SHARED) * each_s <= room_s), ALONE)
 
 
 def step(ladder: Ladder, costs: Costs, load: Load, left_s: float, top: int) -> Ladder:
@@ -130,13 +134,15 @@ def learned(costs: Costs, load: Load, done: Done, took: Took) -> Costs:
     planned, present = load.uncleared + HANDFUL, load.vehicles + HANDFUL
     sequence, program = costs.sequence, costs.program * FADE
     if done.sequences:
-        sequence = _towards(sequence, took.sequences / done.sequences / planned, planned)
+        sequence = _towards(sequence, took.sequences / (done.sequences + SHARED) / planned, planned)
     if done.begun:
         each = took.programs / done.ready if done.ready else LATE * took.programs
-        program = _towards(costs.program, each / planned, planned, FALL)
+        program = costs.program + FALL * (min(each, STEP_S) / planned - costs.program)
     return Costs(sequence, program, _towards(costs.rest, took.rest / present, present))
 
 
-def _towards(estimate: float, measured: float, size: int, rise: float = RISE) -> float:
+def _towards(estimate: float, measured: float, size: int) -> float:
     measured = min(measured, STEP_S / size)
-    return estimate + (rise if measured > estimate else FALL) * (measured - estimate)
+    if not estimate:
+        return measured
+    return estimate + (RISE if measured > estimate else FALL) * (measured - estimate)

@@ -14,6 +14,7 @@ import uvloop
 
 from gameopt_im import config, logs, map_file
 from gameopt_im.options import DEFAULT_ENDPOINT, ServeOptions, StartError
+from gameopt_im.web import address
 from gameopt_wire.intersection import IntersectionMap
 from gameopt_wire.messages import Geometry, Profile
 
@@ -117,7 +118,13 @@ def commands() -> None:
     default=1,
     help="Processes that solve candidates; 0 solves them in this one.",
 )
-@click.option("--http", metavar="HOST:PORT", show_default=False, help="Live page (not in this version).")
+@click.option(
+    "--http",
+    metavar="HOST:PORT",
+    callback=lambda _context, _option, text: _address(text),
+    show_default=f"{address.DEFAULT}, if it is free",
+    help="Metrics and health, /metrics, /healthz and /readyz; off for none. Whoever reaches it can read it.",
+)
 @click.option("--record", type=FILE, metavar="FILE.mcap", help="Record every control cycle to this file.")
 @click.option("--log-format", type=click.Choice(["text", "json"]), default="text", help="Lines to read, or JSON.")
 def serve(
@@ -133,12 +140,9 @@ def serve(
     geometry: Geometry | None,
     ignore_turn_speed: bool,
     candidates: int | None,
-    http: str | None,
     **as_given: Any,
 ) -> None:
     """Manage one intersection until SIGINT or SIGTERM."""
-    if http is not None:
-        raise click.UsageError("--http: the live page is not in this version")
     parameters = config.load(config_file)
     config.check_profile(parameters, profile, str(config_file))
     options = ServeOptions(
@@ -252,6 +256,13 @@ def _geometry(profile: Profile, geometry: Geometry | None) -> Geometry:
     if profile == "paper" and geometry == "areas":
         raise click.UsageError("--geometry: areas is refused under --profile paper; allowed: box")
     return geometry or ("box" if profile == "paper" else "areas")
+
+
+def _address(text: str | None) -> address.Address | None:
+    try:
+        return address.parse(text)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from None
 
 
 def _candidates(asked: int | None, configured: int) -> int:

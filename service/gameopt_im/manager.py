@@ -42,11 +42,15 @@ NAMED = 5
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a control cycle came to: what to send, and what to write down."""
+    """What a control cycle came to: what to send, and what to write down.
+
+    `decided_s` is when its commands stood, on the clock of `time.perf_counter`.
+    """
 
     commands: list[Command]
     report: CycleReport
     ledger: list[LedgerEntry]
+    decided_s: float = 0.0
 
 
 class Manager:
@@ -75,6 +79,11 @@ class Manager:
         self._solved = 0, 0
         """Programs begun and solved in the last control cycle."""
         self._refused, self._refusing_until = 0, -1
+
+    @property
+    def bids(self) -> int:
+        """Bids taken since the start of the term."""
+        return self._tracker.bids
 
     def _fresh_strategy(self) -> Strategy:
         return strategy_of(self.options, self._ground)
@@ -126,10 +135,11 @@ class Manager:
         ledger = self._write_ledger(settled, time_s)
         self._order = tuple(snapshot.ids[i] for i in concluded.order)
         self._mark("commands")
-        elapsed_ms = 1e3 * (time.perf_counter() - started)
+        decided_s = self._stage_started
+        elapsed_ms = 1e3 * (decided_s - started)
         report = self._report(snapshot, picture, concluded, winner, proposal.count, len(commands), elapsed_ms)
         self._log(settled, picture, snapshot)
-        return Outcome(commands, report, ledger)
+        return Outcome(commands, report, ledger, decided_s)
 
     def _deadline(self) -> float | None:
         """On the loop's clock; in lock-step there is none, so that nothing depends on the machine."""

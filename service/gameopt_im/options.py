@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from gameopt_im.core.parameters import Parameters
+from gameopt_im.web.address import Address
 from gameopt_wire.intersection import IntersectionMap
 from gameopt_wire.messages import Clock, Geometry, Profile
 
@@ -26,7 +27,8 @@ class ServeOptions:
 
     `listen` and `connect` are Zenoh endpoints (`tcp/127.0.0.1:7447`); where given, they replace those of the
     user's own `zenoh_config`.
-    `candidates` is K, at most the number of configured weight vectors. `http` is HOST:PORT of the live page.
+    `candidates` is K, at most the number of configured weight vectors. `http` is where the web server
+    listens, None for nowhere.
     `command_line` is what was typed, for a recording's own account of itself.
     """
 
@@ -41,7 +43,7 @@ class ServeOptions:
     listen: tuple[str, ...] = (DEFAULT_ENDPOINT,)
     connect: tuple[str, ...] = ()
     zenoh_config: Path | None = None
-    http: str | None = None
+    http: Address | None = None
     record: Path | None = None
     log_format: LogFormat = "text"
     command_line: tuple[str, ...] = ()

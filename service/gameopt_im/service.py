@@ -9,6 +9,7 @@ from contextlib import AsyncExitStack
 
 import structlog
 
+from gameopt_im import whole_way
 from gameopt_im.bus import Bus, configuration
 from gameopt_im.clock import LockStep, WallClock
 from gameopt_im.garbage import BetweenCycles
@@ -17,6 +18,7 @@ from gameopt_im.options import ServeOptions
 from gameopt_im.recorder import Recorder
 from gameopt_im.solver import contest
 from gameopt_im.solver.contest import Solver
+from gameopt_im.vitals import Vitals
 from gameopt_im.warm_up import warm_up
 from gameopt_wire import codec
 from gameopt_wire.intersection import Charter
@@ -36,10 +38,17 @@ async def serve(options: ServeOptions) -> None:
         recorder = None
         if options.record is not None:
             recorder = stack.enter_context(Recorder(options.record, charter, options.parameters, options.command_line))
+        vitals = Vitals(options.clock)
+        if options.http is not None:
+            from gameopt_im.web import server
+
+            await stack.enter_async_context(server.opened(options.http, options, vitals))
         await warm_up(options)
         solver = solver_of(options)
         await stack.enter_async_context(solver)
+        vitals.programs = solver.counts
         await bus.announce(codec.CHARTER.encode(charter))
+        vitals.announce()
         log.info(
             "serving",
             intersection=options.map.intersection,
@@ -48,10 +57,10 @@ async def serve(options: ServeOptions) -> None:
             geometry=options.geometry,
             endpoints=list(options.listen or options.connect),
         )
-        await run(options, Manager(options, term, solver), bus, recorder)
+        await run(options, Manager(options, term, solver), bus, recorder, vitals)
 
 
-async def run(options: ServeOptions, manager: Manager, bus: Bus, recorder: Recorder | None) -> None:
+async def run(options: ServeOptions, manager: Manager, bus: Bus, recorder: Recorder | None, vitals: Vitals) -> None:
     """The loop itself: one control cycle after another, for as long as the task lives."""
     clock: WallClock | LockStep = (
         LockStep(bus) if options.clock == "lockstep" else WallClock(bus, options.parameters.service.collect_s)
@@ -59,18 +68,21 @@ async def run(options: ServeOptions, manager: Manager, bus: Bus, recorder: Recor
     with BetweenCycles() as garbage:
         while True:
             tick = await clock.next_cycle()
+            vitals.cycle_begun()
             if tick.restarted:
                 manager.restart()
             manager.missed = clock.missed
             manager.unread = Counter({"overflow": bus.overflow}) + clock.rejected
             outcome = await manager.control_cycle(tick.cycle, tick.time_s, tick.messages, tick.left_s)
             bus.publish_commands(outcome.commands)
+            outcome = whole_way.measured(outcome, bus.closed_s, clock.late_s)
             bus.publish_cycle(outcome.report)
             for entry in outcome.ledger:
                 bus.publish_ledger(entry)
             manager.published()
             if recorder is not None:
                 recorder.record(tick, outcome.commands)
+            vitals.cycle_done(outcome, manager.bids)
             garbage.cycle_done()
 
 
@@ -92,4 +104,4 @@ def charter_of(options: ServeOptions, term: int) -> Charter:
 
 def solver_of(options: ServeOptions) -> Solver:
     """What solves the programs of the profile, warmed on them."""
-    return contest.solver_for(options.profile, options.workers)
+    return contest.solver_for(options.profile, options.workers, options.parameters.program)

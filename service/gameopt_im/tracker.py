@@ -73,6 +73,8 @@ class Tracker:
         self, intersection: IntersectionMap, ground: Ground, parameters: Parameters, clock: Clock, term: int
     ) -> None:
         self.received = 0
+        self.bids = 0
+        """Bids taken."""
         self.fallbacks = 0
         """Vehicles that say they are on their own, at the last snapshot."""
         self.rejected: Counter[Reason] = Counter()
@@ -151,6 +153,7 @@ class Tracker:
             reason = "overload"
         if reason is None:
             self._bids[bid.vehicle] = bid
+            self.bids += 1
             vehicle = self._vehicles.get(bid.vehicle)
             if vehicle is not None and (known is None or known.assertiveness != bid.assertiveness):
                 vehicle.priority = assign(vehicle.bounds, bid.assertiveness)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from dataclasses import replace
 
@@ -25,13 +26,14 @@ async def warm_up(options: ServeOptions) -> None:
     started = time.perf_counter()
     log.info("warming up; the first run on a machine compiles for about a minute")
     rehearsal = replace(options, workers=0, clock="lockstep", record=None)
-    async with contest.solver_for(rehearsal.profile, 0) as pool:
+    async with contest.solver_for(rehearsal.profile, 0, rehearsal.parameters.program) as pool:
         manager = Manager(rehearsal, 0, pool)
         traffic = Rehearsal(options.map, 2 * len(options.map.movements))
         for cycle in range(CYCLES):
             messages, left_s = traffic.messages(cycle * STEP_S), 0.0 if cycle < SHORT_CYCLES else None
             outcome = await manager.control_cycle(cycle, cycle * STEP_S, messages, left_s)
             traffic.obey(outcome.commands)
+            await asyncio.sleep(0)  # who asks meanwhile whether the manager is ready gets an answer
     elapsed = time.perf_counter() - started
     if elapsed > NOTICEABLE_S:
         log.info("compiled", seconds=round(elapsed, 1))

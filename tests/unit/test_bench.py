@@ -11,7 +11,7 @@ import pytest
 
 from gameopt_im import cli
 from gameopt_im.bench import DECISION, PERCENTILES, WITHOUT, Results
-from gameopt_im.core.parameters import Parameters
+from gameopt_im.core.parameters import Parameters, Program
 from gameopt_im.inbox import Raw
 from gameopt_im.manager import Manager
 from gameopt_im.options import ServeOptions
@@ -33,7 +33,7 @@ def test_made_up_traffic_crosses_and_is_kept_up() -> None:
     seen: Counter[str] = Counter()
 
     async def drive() -> None:
-        async with solver_for("default", 0) as pool:
+        async with solver_for("default", 0, Program()) as pool:
             manager = Manager(options, 1, pool)
             for cycle in range(1, 600):
                 messages = traffic.messages(cycle * STEP_S)

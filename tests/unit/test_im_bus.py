@@ -113,6 +113,30 @@ def test_messages_of_one_kind_keep_their_order() -> None:
     run(work())
 
 
+def test_a_roll_call_ends_with_the_last_one_awaited_whether_heard_or_gone() -> None:
+    async def work() -> None:
+        endpoint = free_endpoint()
+        here, leaving, silent = (keys.of_vehicle(HERE, "state", name) for name in ("here/1", "leaving/1", "silent"))
+        async with hub(endpoint) as bus, vehicles(endpoint) as session:
+            token = session.liveliness().declare_token(keys.alive(HERE, "leaving/1"))
+            await ask_map(session)
+            session.put(here, b"too early")
+            await gather(bus, 1)
+            assert not await bus.all_heard({here}, 0.0)
+            both = asyncio.create_task(bus.all_heard({here, leaving}, PATIENCE_S))
+            await asyncio.sleep(0)  # it has begun
+            session.put(here, b"state")
+            session.put(here, b"again")
+            session.put(silent, b"nobody waits for it")
+            await gather(bus, 3)
+            assert not both.done()
+            await asyncio.to_thread(token.undeclare)
+            assert await both
+            assert not await bus.all_heard({silent}, 0.01)
+
+    run(work())
+
+
 def test_an_oversized_message_is_cut_to_what_is_rejected_anyway() -> None:
     async def work() -> None:
         endpoint = free_endpoint()

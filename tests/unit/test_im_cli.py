@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import os
 import signal
+import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +23,8 @@ from gameopt_im.core.parameters import Parameters
 from gameopt_im.options import DEFAULT_ENDPOINT, ServeOptions
 from gameopt_im.recorder import Recorder
 from gameopt_im.replay import Difference, Replayed
+from gameopt_im.web import address
+from gameopt_im.web.address import Address
 from gameopt_wire.intersection import IntersectionMap
 
 MAP = Path(__file__).parents[1] / "maps" / "crossroads.json"
@@ -27,9 +32,12 @@ ROADS = msgspec.json.decode(MAP.read_bytes(), type=IntersectionMap)
 
 
 @pytest.fixture(autouse=True)
-def _logs_as_they_were() -> Any:
+def _logs_as_they_were(monkeypatch: pytest.MonkeyPatch) -> Any:
+    for hook in (sys, "excepthook"), (sys, "unraisablehook"), (threading, "excepthook"):
+        monkeypatch.setattr(*hook, getattr(*hook))
     yield
     structlog.reset_defaults()
+    logging.captureWarnings(False)
 
 
 @pytest.fixture
@@ -58,7 +66,7 @@ def test_defaults(served: list[ServeOptions]) -> None:
     assert cli.run(arguments) == 0
     (options,) = served
     assert options == ServeOptions(
-        map=ROADS, parameters=Parameters(), listen=(DEFAULT_ENDPOINT,), command_line=arguments
+        map=ROADS, parameters=Parameters(), listen=(DEFAULT_ENDPOINT,), http=address.DEFAULT, command_line=arguments
     )
     assert options.workers >= 1
     assert options.candidates == len(Parameters().auction.weights)
@@ -69,7 +77,7 @@ def test_everything_said_arrives(served: list[ServeOptions], tmp_path: Path) -> 
     config.write_text("[auction]\nweights = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]\n")
     zenoh = "--listen tcp/0.0.0.0:1 --listen tcp/[::1]:1 --connect tcp/hub:2 --zenoh-config z.json5"
     planner = "--clock lockstep --profile paper --ignore-turn-speed --candidates 2 --workers 0"
-    output = "--record run.mcap --log-format json"
+    output = "--http 0.0.0.0:80 --record run.mcap --log-format json"
     said = f"{zenoh} {planner} {output}".split()
     arguments = ("serve", "--config", str(config), "--map", str(MAP), *said)
     assert cli.run(arguments) == 0
@@ -87,10 +95,16 @@ def test_everything_said_arrives(served: list[ServeOptions], tmp_path: Path) -> 
         listen=("tcp/0.0.0.0:1", "tcp/[::1]:1"),
         connect=("tcp/hub:2",),
         zenoh_config=Path("z.json5"),
+        http=Address("0.0.0.0", 80),
         record=Path("run.mcap"),
         log_format="json",
         command_line=arguments,
     )
+
+
+def test_the_web_server_can_be_left_out(served: list[ServeOptions]) -> None:
+    assert cli.run(("serve", "--map", str(MAP), "--http", "off")) == 0
+    assert served[0].http is None
 
 
 @pytest.mark.parametrize(
@@ -129,7 +143,10 @@ def test_who_joins_a_network_does_not_listen_unasked(served: list[ServeOptions],
             ("serve", "--map", str(MAP), "--profile", "paper", "--geometry", "areas"),
             "--geometry: areas is refused",
         ),
-        (("serve", "--http", "127.0.0.1:8080"), "--http: the live page is not in this version"),
+        (
+            ("serve", "--http", "8080"),
+            "Invalid value for '--http': '8080'; allowed: HOST:PORT such as 127.0.0.1:8080 or [::1]:8080, or off",
+        ),
         (("serve", "--map", str(MAP), "--junction", "J"), "--junction: allowed only with --map FILE.net.xml"),
         (("serve", "--articulated"), "--articulated: allowed only with --map FILE.net.xml"),
         (("serve", "--map", "none.json"), "none.json: No such file or directory"),
@@ -218,7 +235,13 @@ def test_help_is_there(capsys: pytest.CaptureFixture[str], arguments: tuple[str,
 def test_help_tells_units_and_defaults(capsys: pytest.CaptureFixture[str]) -> None:
     cli.run(("serve", "--help"))
     text = " ".join(capsys.readouterr().out.split())
-    for said in ("every 100 ms", "default: wall", "tcp/127.0.0.1:7447", "areas; box under --profile paper"):
+    for said in (
+        "every 100 ms",
+        "default: wall",
+        "tcp/127.0.0.1:7447",
+        "areas; box under --profile paper",
+        "127.0.0.1:8080",
+    ):
         assert said in text
 
 

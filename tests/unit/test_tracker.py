@@ -142,6 +142,7 @@ def test_the_latest_bid_wins() -> None:
     assert vehicles.ingest_bid(bid(time_s=10.0, assertiveness=2.0), 10.1) == "stale"
     assert vehicles.ingest_bid(bid(time_s=10.1, assertiveness=2.0), 10.1) == "duplicate"
     assert vehicles.ingest_bid(bid(time_s=12.0), 10.1) == "time"
+    assert (vehicles.bids, vehicles.received) == (1, 4)
 
 
 def test_bids_of_vehicles_that_never_come_do_not_pile_up() -> None:

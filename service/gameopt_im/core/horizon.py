@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from gameopt_im.core.corridor import Bounds, bounds_of
+from gameopt_im.core.corridor import bounds_of
 from gameopt_im.core.kinematics import Manner, kernel
 from gameopt_im.core.program import QP, Csc
 from gameopt_im.core.snapshot import Bools, Floats, Ints
@@ -162,21 +162,16 @@ def cost(ps: Floats, pv: Floats, top: Floats, v: Floats, trade_off: float, h: in
     return data, q
 
 
-def bounds(task: HorizonTask, rules: HorizonRules, slot: Floats) -> Bounds:
-    """The bounds of one candidate."""
-    return bounds_of(
-        task.s, task.v, task.length, task.a, task.b, task.top, task.line_cap, task.room, task.trails, slot,
-        lengths(rules.blocks), rules.manner, rules.rear_gap,
-    )  # fmt: skip
-
-
 def build(task: HorizonTask, rules: HorizonRules, slot: Floats, start: Start | None = None) -> Floats:
     """(n, 17 H - 1) the programs of one candidate, one after the other, since its platoons share no row.
 
     Side by side: P's data, q, l and u of the four kinds of row, the speeds and the multipliers to start from, which
     are the reference and 0 where none are given. One array goes to a worker several times as fast as six.
     """
-    given = bounds(task, rules, slot)
+    given = bounds_of(
+        task.s, task.v, task.length, task.a, task.b, task.top, task.line_cap, task.room, task.trails, slot,
+        lengths(rules.blocks), rules.manner, rules.rear_gap,
+    )  # fmt: skip
     h = len(rules.blocks)
     data, q = cost(task.ps, task.pv, task.top, task.v, rules.trade_off, h)
     if start is None:

@@ -233,7 +233,7 @@ class Service(Section, frozen=True, kw_only=True):
 
     collect_s: Annotated[
         float,
-        Meta(ge=0, le=0.08, description="wall clock: time after the grid point that states are waited for (s)"),
+        Meta(ge=0, le=0.08, description="wall clock: longest time after the grid point that states are waited for (s)"),
     ] = 0.02
     budget_s: Annotated[
         float,

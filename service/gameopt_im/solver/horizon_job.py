@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from gameopt_im.core import duality, horizon
-from gameopt_im.core.horizon import HorizonRules, HorizonTask, Start
+from gameopt_im.core.horizon import LONGEST, HorizonRules, HorizonTask, Start
 from gameopt_im.core.kinematics import manner_of
-from gameopt_im.core.parameters import Planner
+from gameopt_im.core.parameters import Planner, Program
 from gameopt_im.core.planning import Stake
 from gameopt_im.core.snapshot import Floats
 from gameopt_im.solver.jobs import Outcome
-from gameopt_im.solver.workspace import kept_workspace
+from gameopt_im.solver.workspace import Workspace, kept_workspace
 
 COST_SCALE = 0.005
 """The program's cost is scaled by this: J may be off by more than the speeds are."""
@@ -59,21 +60,18 @@ class HorizonJob:
 
     def met(self) -> list[tuple[int, bytes]]:
         """Each platoon, its slots and that of whom it trails: all that its program depends on in a control cycle."""
-        ends = np.cumsum(self.task.counts)
-        firsts = ends - self.task.counts
-        firsts = firsts - self.task.trails[firsts]
+        trails = self.task.trails
         return [
-            (number, self.slots[first:end].tobytes())
-            for number, (first, end) in enumerate(zip(firsts, ends, strict=True))
+            (number, self.slots[first - trails[first] : end].tobytes())
+            for number, (first, end) in enumerate(_parts(self.task.counts))
         ]
 
     def programs(self) -> list[PlatoonJob]:
         """Its programs, which different workers may solve."""
         values = horizon.build(self.task, self.rules, self.slots, self.start)
-        ends = np.cumsum(self.task.counts)
         return [
-            PlatoonJob(values[end - count : end], self.rules.blocks, self.residual_mps)
-            for count, end in zip(self.task.counts, ends, strict=True)
+            PlatoonJob(values[first:end], self.rules.blocks, self.residual_mps)
+            for first, end in _parts(self.task.counts)
         ]
 
     def joined(self, solutions: Sequence[PlatoonSolution | None]) -> HorizonOutcome | None:
@@ -93,10 +91,18 @@ class HorizonJob:
         """All of it, platoon by platoon."""
         return self.joined([job.solve() for job in self.programs()])
 
-    def may_cost(self, duals: Floats) -> float:
-        """The least that any solution can cost, judged by the multipliers (n, 4, H) of another candidate."""
-        given = horizon.bounds(self.task, self.rules, self.slots)
-        return self.stake.cost(duality.least_objective(self.task, self.rules, given, duals, self.residual_mps))
+
+@lru_cache(maxsize=512)
+def _parts(counts: tuple[int, ...]) -> list[tuple[int, int]]:
+    """Where each platoon begins and ends."""
+    return list(pairwise(accumulate(counts, initial=0)))
+
+
+def least_costs(candidates: Sequence[HorizonJob], duals: Floats) -> list[float]:
+    """The least that any solution of each can cost, judged by the multipliers (n, 4, H) of another of their task."""
+    task, rules, play = candidates[0].task, candidates[0].rules, candidates[0].residual_mps
+    least = duality.least_objectives(task, rules, np.array([each.slots for each in candidates]), duals, play)
+    return [each.stake.cost(value) for each, value in zip(candidates, least.tolist(), strict=True)]
 
 
 class PlatoonSolution(NamedTuple):
@@ -117,17 +123,24 @@ class PlatoonJob(NamedTuple):
     def solve(self) -> PlatoonSolution | None:
         """The solution by the quick step size, or else by the safe one from zero multipliers: those may be at fault."""
         qp, x, duals = horizon.program(self.values, self.blocks, COST_SCALE)
-        count, h = len(self.values), len(self.blocks)
-        for rho, iterations, y in ((QUICK_RHO, QUICK_ITERATIONS, duals), (SAFE_RHO, SAFE_ITERATIONS, None)):
-            workspace = kept_workspace(
-                residual_mps=self.residual_mps, max_iter=iterations, rho=rho, alpha=ALPHA, tolerance=TOLERANCE,
-                capacity=128, check=CHECK,
-            )  # fmt: skip
+        for workspace, y in zip(_workspaces(self.residual_mps), (duals, None), strict=True):
             solution = workspace.solve(qp.A.shape, qp, x, y, _row_lengths(*qp.A.shape))
             if solution is not None:
+                count, h = len(self.values), len(self.blocks)
                 multipliers = horizon.by_vehicle(solution.y, count, COST_SCALE)
                 return PlatoonSolution(solution.x.reshape(count, h), multipliers, solution.residual)
         return None
+
+
+def _workspaces(residual_mps: float) -> list[Workspace]:
+    """The quick one and the safe one."""
+    return [
+        kept_workspace(
+            residual_mps=residual_mps, max_iter=iterations, rho=rho, alpha=ALPHA, tolerance=TOLERANCE, capacity=128,
+            check=CHECK,
+        )
+        for rho, iterations in ((QUICK_RHO, QUICK_ITERATIONS), (SAFE_RHO, SAFE_ITERATIONS))
+    ]  # fmt: skip
 
 
 @lru_cache(maxsize=512)
@@ -136,12 +149,26 @@ def _row_lengths(rows: int, columns: int) -> Floats:
     return np.repeat(ROW_LENGTHS, [columns, columns, columns, rows - 3 * columns])
 
 
-def warm_up() -> HorizonJob:
-    """A small job that compiles, or loads, what this process and a worker will need."""
-    one = np.ones(2)
+class WarmUp(NamedTuple):
+    """A program to set both workspaces up for: that takes longer than to solve it, and no control cycle may wait."""
+
+    job: PlatoonJob
+
+    def solve(self) -> None:
+        """Solve it in either."""
+        qp, x, y = horizon.program(self.job.values, self.job.blocks, COST_SCALE)
+        for workspace in _workspaces(self.job.residual_mps):
+            workspace.solve(qp.A.shape, qp, x, y, _row_lengths(*qp.A.shape))
+
+
+def warm_up(settings: Program) -> HorizonJob:
+    """A job with a platoon of every size: what this process and a worker will need is compiled, or loaded, for it."""
+    counts = tuple(range(1, LONGEST + 1))
+    n, h = sum(counts), len(settings.blocks_s)
+    one = np.ones(n)
     task = HorizonTask(
-        counts=(2,),
-        s=np.array([60.0, 80.0]),
+        counts=counts,
+        s=np.concatenate([60.0 + 20.0 * np.arange(count) for count in counts]),
         v=15.0 * one,
         length=5.0 * one,
         a=2.0 * one,
@@ -150,8 +177,8 @@ def warm_up() -> HorizonJob:
         line_cap=20.0 * one,
         ps=one,
         pv=one,
-        room=np.full((2, 2), 1e9),
-        trails=np.zeros(2, dtype=np.bool_),
+        room=np.full((n, h), 1e9),
+        trails=np.zeros(n, dtype=np.bool_),
     )
-    rules = HorizonRules((1.0, 1.0), 0.7, 2.0, manner_of(Planner()))
-    return HorizonJob(task, rules, np.array([5.0, 7.0]), 1e-3)
+    rules = HorizonRules(settings.blocks_s, settings.lambda_, settings.rear_gap_m, manner_of(Planner()))
+    return HorizonJob(task, rules, 0.1 * task.s, settings.residual_mps)

@@ -74,7 +74,7 @@ class Processes:
         `Stopped`.
         """
         endpoint = f"tcp/127.0.0.1:{_free_port()}"
-        command = [BIN / "gameopt-im", "serve", "--listen", endpoint, *serve]
+        command = [BIN / "gameopt-im", "serve", "--listen", endpoint, "--http", "off", *serve]
         with (
             (folder / MANAGER_LOG).open("w") as log,
             self._started(command, stdout=log, stderr=subprocess.PIPE) as manager,

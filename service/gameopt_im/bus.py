@@ -26,8 +26,8 @@ from gameopt_im.roll_call import RollCall
 from gameopt_wire import codec, keys
 from gameopt_wire.messages import Command, CycleReport, LedgerEntry
 
-MAX_QUEUED = 200_000
-"""Messages held for the next control cycle; what comes beyond is dropped and counted."""
+MAX_QUEUED, MAX_QUEUED_BYTES = 100_000, 64 * 2**20
+"""Messages held for the next control cycle, and their content; what comes beyond is dropped and counted."""
 MANAGER = "manager"
 PROBE_S = 1.0
 """Longest wait for an answer whether another manager is there; it normally comes within a millisecond."""
@@ -89,6 +89,7 @@ class Bus:
         self._intersection = intersection
         self._loop = loop
         self._queue: deque[Raw] = deque()
+        self._queued_bytes = 0  # two threads may add at once: near enough, until the next drain
         self._arrived = asyncio.Event()
         self._woken = False
         self._roll_call = RollCall(loop)
@@ -200,9 +201,10 @@ class Bus:
             self._roll_call.heard(keys.of_vehicle(self._intersection, "state", keys.vehicle_of(key)))
 
     def _append(self, raw: Raw) -> None:
-        if len(self._queue) >= MAX_QUEUED:
+        if len(self._queue) >= MAX_QUEUED or self._queued_bytes >= MAX_QUEUED_BYTES:
             self.overflow += 1
             return
+        self._queued_bytes += len(raw.payload)
         self._queue.append(raw)
         if not self._woken:
             self._woken = True
@@ -213,7 +215,7 @@ class Bus:
         self.closed_s = time.perf_counter()
         self._arrived.clear()
         self._woken = False  # before the queue is emptied, so that a message coming now wakes the loop again
-        queue = self._queue
+        queue, self._queued_bytes = self._queue, 0
         return [queue.popleft() for _ in range(len(queue))]
 
     async def arrival(self) -> None:
@@ -229,12 +231,12 @@ class Bus:
 
     def publish_commands(self, commands: Iterable[Command]) -> None:
         """Sends every command to its vehicle."""
-        cached = self._command_keys
+        known, self._command_keys = self._command_keys, {}  # of who is there now: nobody is remembered for good
         for command in commands:
-            key = cached.get(command.vehicle)
+            key = known.get(command.vehicle)
             if key is None:
                 key = zenoh.KeyExpr(keys.of_vehicle(self._intersection, "command", command.vehicle))
-                cached[command.vehicle] = key
+            self._command_keys[command.vehicle] = key
             self._put(key, codec.COMMAND.encode(command))
 
     def publish_cycle(self, report: CycleReport) -> None:
@@ -242,8 +244,7 @@ class Bus:
         self._put(keys.cycle(self._intersection), codec.CYCLE.encode(report))
 
     def publish_ledger(self, entry: LedgerEntry) -> None:
-        """Says what a vehicle paid; the last word to it, so its key is forgotten."""
-        self._command_keys.pop(entry.vehicle, None)
+        """Says what a vehicle paid."""
         self._put(keys.of_vehicle(self._intersection, "ledger", entry.vehicle), codec.LEDGER.encode(entry))
 
     def _put(self, key: str | zenoh.KeyExpr, payload: bytes) -> None:

@@ -17,6 +17,8 @@ from gameopt_wire import codec
 from gameopt_wire.messages import STEP_S, Step
 
 CYCLES_PER_S = round(1 / STEP_S)
+MAX_HELD = 100_000
+"""Messages that wait for a step at most; beyond that the newest, for a step may never come."""
 SETTLE_S = 0.001
 """Once everybody is heard, bids and newcomers that come with their states are waited for this long."""
 LONGEST_WAIT_S = 2.0 * STEP_S + 1e-6
@@ -37,12 +39,16 @@ class Source(Protocol):
 
 
 class Tick(NamedTuple):
-    """The beginning of a control cycle; `restarted` says that lock-step time has begun anew."""
+    """The beginning of a control cycle; `restarted` says that lock-step time has begun anew.
+
+    `left_s` is the time to the next grid point, where the vehicles will want their commands; None in lock-step.
+    """
 
     cycle: int
     time_s: float
     messages: list[Raw]
     restarted: bool = False
+    left_s: float | None = None
 
 
 class Upcoming(NamedTuple):
@@ -119,7 +125,8 @@ class WallClock:
         self._last, self.late_s = cycle, max(0.0, late_s)
         messages, _ = split_steps(self._source.drain())
         self._heard = {raw.key for raw in messages if raw.kind == "state"}
-        return Tick(cycle, self._grid.time_s(cycle), messages)
+        left_s = self._grid.time_s(cycle + 1) - self._now()
+        return Tick(cycle, self._grid.time_s(cycle), messages, left_s=left_s)
 
     async def _complete(self, cycle: int, left_s: float) -> bool:
         """Sleeps up to `left_s`; whether there is nobody to wait for any longer."""
@@ -166,6 +173,9 @@ class LockStep:
         """Adds what has arrived; the control cycle, once it is complete."""
         messages, steps = split_steps(arrived)
         self._messages += messages
+        if (excess := len(self._messages) - MAX_HELD) > 0:
+            del self._messages[:excess]
+            self.rejected["overflow"] += excess
         for raw in steps:
             try:
                 self._step = codec.STEP.decode(raw.payload)  # the newest holds: an older simulator is gone

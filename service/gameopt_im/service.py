@@ -73,12 +73,13 @@ async def run(options: ServeOptions, manager: Manager, bus: Bus, recorder: Recor
                 manager.restart()
             manager.missed = clock.missed
             manager.unread = Counter({"overflow": bus.overflow}) + clock.rejected
-            outcome = await manager.control_cycle(tick.cycle, tick.time_s, tick.messages)
+            outcome = await manager.control_cycle(tick.cycle, tick.time_s, tick.messages, tick.left_s)
             bus.publish_commands(outcome.commands)
             outcome = whole_way.measured(outcome, bus.closed_s, clock.late_s)
             bus.publish_cycle(outcome.report)
             for entry in outcome.ledger:
                 bus.publish_ledger(entry)
+            manager.published()
             if recorder is not None:
                 recorder.record(tick, outcome.commands)
             vitals.cycle_done(outcome, manager.bids)

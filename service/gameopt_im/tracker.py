@@ -15,18 +15,19 @@ Between states a vehicle is predicted (`tracked.predict`), and marked silent onc
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from gameopt_im.admission import ENDLESS, refused
 from gameopt_im.core.bids import assign, class_bounds
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.snapshot import Bools, Ints, Snapshot
 from gameopt_im.core.tracking import LEFT, LOST, STALE, STAYS, Patience, fates, has_left
-from gameopt_im.inbox import Raw
+from gameopt_im.inbox import Raw, within
 from gameopt_im.tracked import Heard, Tracked, heard_of, picture, same_body
 from gameopt_wire import codec, keys
 from gameopt_wire.intersection import IntersectionMap
@@ -34,7 +35,7 @@ from gameopt_wire.messages import STEP_S, Bid, Clock, State
 
 Reason = Literal[
     "oversized", "malformed", "version", "out_of_range",  # the codec's
-    "key", "unknown_movement", "uncovered", "time", "duplicate", "stale", "changed", "overload",
+    "key", "unknown_movement", "uncovered", "time", "duplicate", "stale", "changed", "overload", "flood",
 ]  # fmt: skip
 EventKind = Literal["entered", "left", "stale", "lost"]
 
@@ -44,6 +45,8 @@ SILENT_CYCLES: dict[Clock, float] = {"lockstep": 1.01, "wall": 1.5}
 """Age in control cycles beyond which a vehicle counts as silent; under the wall clock delivery wavers."""
 OUTSIDE_ZONE_M = 50.0
 """A distance this far outside the map's lanes is not believed."""
+MESSAGES_EACH = 2
+"""Messages that are read per control cycle for each vehicle there may be: a state and a bid."""
 AFTER_EXIT_M = 60.0
 """Vehicles are kept this far past the stretch over which exit headways are opened (`exit.distance_m`)."""
 
@@ -103,8 +106,12 @@ class Tracker:
         self._gone.clear()
         self._events.clear()
 
-    def ingest(self, messages: Iterable[Raw], now_s: float) -> None:
+    def ingest(self, messages: Sequence[Raw], now_s: float) -> None:
         """Takes in what arrived for the control cycle at `now_s`: counted whatever it is, never raised."""
+        if self._clock == "wall":  # a step waits for all of its messages to be read
+            messages, unread = within(messages, MESSAGES_EACH * self._parameters.service.max_vehicles, self._vehicles)
+            self.received += unread
+            self.rejected += Counter({"flood": unread})
         for raw in messages:
             if raw.kind == "gone":
                 self.vanish(keys.vehicle_of(raw.key))
@@ -131,7 +138,7 @@ class Tracker:
         reason = self._implausible(state, movement, now_s) or _outdated(last, state)
         if reason is None and known and self._holds_clearance(known) and not same_body(known.state, state):
             reason = "changed"
-        if reason is None and known is None and len(self._vehicles) >= self._parameters.service.max_vehicles:
+        if reason is None and known is None and len(self._vehicles) >= ENDLESS * self._parameters.service.max_vehicles:
             reason = "overload"
         if reason is None:
             self._take(state, movement, known, now_s)
@@ -141,7 +148,8 @@ class Tracker:
         """Takes a bid in; it may come before its vehicle's first state. The reason where it is not taken."""
         known = self._bids.get(bid.vehicle)
         reason = self._wrong_time(bid.time_s, now_s) or _outdated(known, bid)
-        if reason is None and known is None and len(self._bids) >= self._parameters.service.max_vehicles:
+        stranger = known is None and bid.vehicle not in self._vehicles
+        if reason is None and stranger and len(self._bids) >= self._parameters.service.max_vehicles:
             reason = "overload"
         if reason is None:
             self._bids[bid.vehicle] = bid
@@ -178,6 +186,7 @@ class Tracker:
         Vehicles that have left or been silent too long are dropped on the way, with an event each.
         """
         self.reserved = reserved
+        self._refuse()
         present = self._in_order()
         heard = heard_of(present)
         held = self._are_reserved(present)
@@ -192,6 +201,19 @@ class Tracker:
         silent_s = SILENT_CYCLES[self._clock] * STEP_S
         ids = tuple(vehicle.state.vehicle for vehicle in present)
         return picture(cycle, time_s, ids, heard, held, self._ground, silent_s)
+
+    def _refuse(self) -> None:
+        """Lets newcomers go where there are too many; they never came."""
+        excess = len(self._vehicles) - self._parameters.service.max_vehicles
+        if excess <= 0:
+            return
+        came = [self._vehicles.get(event.vehicle) for event in self._events if event.kind == "entered"]
+        names = refused([vehicle for vehicle in came if vehicle is not None], excess)
+        for name in names:
+            del self._vehicles[name]
+            self.rejected["overload"] += 1
+        self._events = [event for event in self._events if event.kind != "entered" or event.vehicle not in names]
+        self._ordered = None
 
     def _in_order(self) -> list[Tracked]:
         """The vehicles by zone entry, then id."""

@@ -140,6 +140,9 @@ class CycleReport(Message, frozen=True, kw_only=True, tag="cycle"):
     `elapsed_ms` is the decision, from messages to commands. `whole_ms` is the whole way, of which `stages_ms` are the
     parts: from the moment no later state is taken to the last command handed to Zenoh. `late_ms` is how long after its
     time under the wall clock the control cycle began. Both are null where nobody has measured them.
+
+    For want of time, `dropped_total` candidates were not tried, and `unsolved_total` control cycles went without
+    programs.
     """
 
     term: Counter
@@ -168,6 +171,8 @@ class CycleReport(Message, frozen=True, kw_only=True, tag="cycle"):
     rejected_total: dict[str, int]
     fallback: Counter
     silent: Counter
+    dropped_total: Counter = 0
+    unsolved_total: Counter = 0
 
 
 class LedgerEntry(Message, frozen=True, kw_only=True, tag="ledger", gc=False):

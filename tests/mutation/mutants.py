@@ -363,4 +363,25 @@ MUTANTS = (
         "beyond = _slope(n, t / n**2)",
         f"{UNIT}/test_benchmarks.py::test_what_grows_faster_than_n_log_n_is_told",
     ),
+    Mutant(
+        "candidates tried whatever the time",
+        "service/gameopt_im/pace.py",
+        "level = min(self._ladder.level, budget.fitting(self._costs, load, self._left_s, self._top))",
+        "level = self._ladder.level",
+        f"{UNIT}/test_pace.py::test_a_late_start_says_nothing_about_the_next_control_cycle",
+    ),
+    Mutant(
+        "a vehicle with a clearance refused",
+        "service/gameopt_im/admission.py",
+        "return state.accepted is None and ",
+        "return ",
+        f"{UNIT}/test_admission.py::test_who_may_have_to_cross_is_never_refused",
+    ),
+    Mutant(
+        "a flood that crowds out who is there",
+        "service/gameopt_im/inbox.py",
+        '(of_known if raw.key.rpartition("/")[2] in chunks else others).append(k)',
+        "others.append(k)",
+        f"{UNIT}/test_admission.py::test_a_flood_is_counted_and_not_read_and_whoever_is_there_is_heard",
+    ),
 )

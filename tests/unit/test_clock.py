@@ -228,3 +228,21 @@ def test_a_broken_step_is_counted_and_the_next_one_holds() -> None:
 def test_lock_step_reads_on_until_the_cycle_is_complete() -> None:
     clock = LockStep(Inbox([], [STATE], [step(1, 2)], [BID]))
     assert asyncio.run(clock.next_cycle(), debug=True) == Tick(1, 0.1, [STATE, BID])
+
+
+def test_messages_that_no_step_comes_for_are_held_only_so_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gameopt_im.clock.MAX_HELD", 3)
+    clock = LockStep(Inbox())
+    strays = [Raw("state", b"", f"stray {k}", -1) for k in range(10)]
+    for stray in strays:
+        assert clock.take([stray]) is None
+    assert clock.rejected == {"overflow": 7}
+    assert clock.take([step(1, 0)]) == Tick(1, 0.1, strays[-3:])
+
+
+def test_a_tick_says_how_long_it_is_to_the_next_grid_point() -> None:
+    hands = Hands(EPOCH_S + 0.001)
+    hands.oversleep = [0.0, 0.03]
+    in_time, late = ticks(wall_clock(hands), 2)
+    assert in_time.left_s == pytest.approx(0.08, abs=1e-3)
+    assert late.left_s == pytest.approx(0.05, abs=1e-3)

@@ -53,7 +53,7 @@ PARTS = {
     "time_to_goal_s": "mean p50 p95 max",
     "time_loss_s": "mean p95 max",
     "safety": "collisions_sumo collisions_geometric min_pet_s hard_brakes teleports",
-    "control_cycle": "count missed p50_ms p99_ms max_ms",
+    "control_cycle": "count missed p50_ms p99_ms max_ms dropped unsolved",
     "qp": "solved failed late",
     "messages": "sent received lost rejected",
     "round_trip": "count unanswered p50_ms p99_ms p999_ms max_ms",

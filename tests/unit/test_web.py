@@ -96,6 +96,7 @@ def outcome(**changes: Any) -> Outcome:
         order=["a"], granted=["b", "c"], refused=6, withdrawn=1, delay_s=0.0, elapsed_ms=4.0,
         stages_ms={"ingest": 0.3, "programs": 2.5}, qp_solved_total=0, qp_failed_total=0, qp_late_total=0,
         missed_total=11, received_total=200, rejected_total={"malformed": 13, "overflow": 17}, fallback=2, silent=1,
+        dropped_total=14, unsolved_total=3,
     )  # fmt: skip
     entry = LedgerEntry(vehicle="d", term=1, entered_s=0.1, cleared_s=0.2, price=0.5, bid=0.7)
     left = msgspec.structs.replace(entry, left_s=0.6)
@@ -120,6 +121,7 @@ def test_what_has_happened_is_scraped(loop: Callable[[], Any]) -> None:
             "control_cycles": 2, "missed_control_cycles": 11, "commands": 16, "received_messages": 200,
             "overflow_messages": 17, "bids": 25, "grants": 4, "refusals": 12, "withdrawals": 2, "crossings": 2,
             "fallback_vehicle_cycles": 4, "candidates": 8, "lost_workers": 1,
+            "dropped_candidates": 14, "unsolved_control_cycles": 3,
         }  # fmt: skip
         assert {name: found[f"gameopt_{name}_total"] for name in totals} == totals
         assert found["gameopt_rejected_messages_total{reason=malformed}"] == 13

@@ -79,13 +79,18 @@ class Measurements(msgspec.Struct, kw_only=True):
 
 
 class ControlCycle(msgspec.Struct, kw_only=True):
-    """The manager's control cycles in the measuring window, by its own reports."""
+    """The manager's control cycles in the measuring window, by its own reports.
+
+    For want of time, `dropped` candidates were not tried, and `unsolved` control cycles went without programs.
+    """
 
     count: int
     missed: int
     p50_ms: float | None
     p99_ms: float | None
     max_ms: float | None
+    dropped: int = 0
+    unsolved: int = 0
 
 
 class Programs(msgspec.Struct, kw_only=True):
@@ -185,6 +190,8 @@ def assemble(run: Run, charter: Charter, measured: object, tally: Tally, lost: i
         control_cycle=ControlCycle(
             count=len(tally.elapsed_ms),
             missed=totals["missed_total"],
+            dropped=totals["dropped_total"],
+            unsolved=totals["unsolved_total"],
             p50_ms=p50,
             p99_ms=p99,
             max_ms=worst,
@@ -230,6 +237,7 @@ def summary(report: Report) -> Table:
         ),
         "control cycles / missed / late steps": f"{cycle.count} / {cycle.missed} / {report.late_steps}",
         "control cycle, p50 / p99 / max": f"{_n(cycle.p50_ms)} / {_n(cycle.p99_ms)} / {_n(cycle.max_ms)} ms",
+        "candidates dropped / cycles without programs": f"{cycle.dropped} / {cycle.unsolved}",
         "the whole way, p50 / p99 / max": (
             f"{_n(whole.p50_ms)} / {_n(whole.p99_ms)} / {_n(whole.max_ms)} ms" if whole else _n(None)
         ),

@@ -10,7 +10,7 @@ from gameopt_vehicles.round_trip import RoundTrips
 from gameopt_vehicles.timings import Spread, Timings
 from gameopt_wire.messages import Command, CycleReport
 
-_TOTALS = ("qp_solved_total", "qp_failed_total", "qp_late_total", "missed_total")
+_TOTALS = ("qp_solved_total", "qp_failed_total", "qp_late_total", "missed_total", "dropped_total", "unsolved_total")
 
 
 class WholeWay(msgspec.Struct, kw_only=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +39,10 @@ class Bidders:
 
     def __len__(self) -> int:
         return len(self.index)
+
+    def tried(self, candidates: int) -> Bidders:
+        """With the bids of the first weight vectors only, or of none."""
+        return replace(self, bids=self.bids[:candidates])
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,6 +186,8 @@ def candidates(
 def _schedules(problem: Demand, seconds: Floats, given: Ints, parameters: Parameters) -> tuple[Ints, Floats, Floats]:
     """(orders, slots, line speeds): of the given order first, then by `auction.order` on bids (K, n) in seconds."""
     rule, rules = parameters.auction.order, rules_of(parameters)
+    if not len(seconds):
+        return given[None], *slots_of(problem, rules, given[None])
     if rule == "dispatch":
         return schedules(problem, rules, seconds, given)
     lines = auction.queues(problem.lane, problem.s, problem.arrival)

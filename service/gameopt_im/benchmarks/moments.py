@@ -13,6 +13,7 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass, replace
 
 from gameopt_im.benchmarks.pairs import Timed, rotated
+from gameopt_im.core.budget import Effort
 from gameopt_im.core.decision import Winner
 from gameopt_im.core.interlock import Limits
 from gameopt_im.core.planning import Bidders
@@ -74,11 +75,11 @@ class _Watch:
         self._inner = inner
 
     def propose(
-        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...]
+        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...], effort: Effort
     ) -> Proposal:
         """The other one's candidates."""
         kept = copy.deepcopy(book) if self.wanted else None  # grants change it before the control cycle is over
-        proposal = self._inner.propose(snapshot, book, limits, who, previous)
+        proposal = self._inner.propose(snapshot, book, limits, who, previous, effort)
         self.caught = None if kept is None else Caught(snapshot, kept, limits, proposal.jobs)
         return proposal
 

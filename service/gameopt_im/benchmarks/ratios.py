@@ -14,6 +14,7 @@ from gameopt_im.benchmarks import moments, programs
 from gameopt_im.benchmarks.moments import Moment
 from gameopt_im.benchmarks.pairs import Ratio, Timed, in_turn, ratio, timed
 from gameopt_im.core import planning
+from gameopt_im.core.budget import Effort
 from gameopt_im.core.conflicts import ground
 from gameopt_im.options import ServeOptions
 from gameopt_im.solver.jobs import Outcome, PaperJob
@@ -68,7 +69,7 @@ class _Paper:
         profile = PaperProfile(replace(self._options, parameters=parameters), self._ground)
         snapshot, book, limits = moment.caught.snapshot, moment.caught.book, moment.caught.limits
         who = planning.bidders(snapshot, self._ground, book, limits, parameters, self._options.candidates)
-        return profile, profile.propose(snapshot, book, limits, who, ())
+        return profile, profile.propose(snapshot, book, limits, who, (), Effort(self._options.candidates))
 
     def first_jobs(self, caught: Sequence[Moment]) -> Iterator[PaperJob]:
         """The first sequence's program on reduced rows, of every moment."""

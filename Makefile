@@ -6,7 +6,7 @@ BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 COMPARE := $(BIN)/gameopt-sumo compare
 
-.PHONY: help demo test test-web lint explore bench figures any-junction compare compare-full
+.PHONY: help demo test test-web lint explore bench growth load figures any-junction compare compare-full
 
 help:
 	@echo "make demo     manager and vehicles as two processes, 6,000 veh/h, DEMO_SECONDS=$(DEMO_SECONDS) simulated seconds"
@@ -15,6 +15,8 @@ help:
 	@echo "make lint     ruff, mypy, import-linter"
 	@echo "make explore  the property tests on new random cases, many more of them"
 	@echo "make bench    how long decisions take, on recorded and on made-up traffic; ten minutes"
+	@echo "make growth   how decisions grow from 50 to 1,000 vehicles on a junction of 48 lanes; five minutes; out/growth"
+	@echo "make load     the live service at 60, 130 and 260 vehicles against its targets; 20 minutes; out/load/load.md"
 	@echo "make figures  the measured tables of docs/results; takes hours"
 	@echo "make compare  every method on the same arrivals, two flows, one seed; four minutes; out/compare/report.md"
 	@echo "make compare-full  all experiments of the paper, three seeds; takes hours, and goes on where it was"
@@ -40,6 +42,12 @@ explore: .venv/installed-dev
 
 bench: .venv/installed
 	$(BIN)/python tests/load/bench.py
+
+growth: .venv/installed
+	$(BIN)/python tests/load/growth.py
+
+load: .venv/installed-dev
+	$(BIN)/python tests/load/live.py
 
 any-junction: .venv/installed
 	$(BIN)/python tests/load/any_junction.py

@@ -10,8 +10,9 @@ import asyncio
 import json
 import os
 import re
+import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -21,11 +22,12 @@ import zenoh
 
 from gameopt_im.inbox import Kind, Raw
 from gameopt_im.options import StartError
+from gameopt_im.roll_call import RollCall
 from gameopt_wire import codec, keys
 from gameopt_wire.messages import Command, CycleReport, LedgerEntry
 
-MAX_QUEUED = 200_000
-"""Messages held for the next control cycle; what comes beyond is dropped and counted."""
+MAX_QUEUED, MAX_QUEUED_BYTES = 100_000, 64 * 2**20
+"""Messages held for the next control cycle, and their content; what comes beyond is dropped and counted."""
 MANAGER = "manager"
 PROBE_S = 1.0
 """Longest wait for an answer whether another manager is there; it normally comes within a millisecond."""
@@ -82,17 +84,21 @@ class Bus:
 
     def __init__(self, intersection: str, loop: asyncio.AbstractEventLoop, lossless: bool) -> None:
         self.overflow = 0
+        self.closed_s = 0.0
+        """When the messages were last drained, on the clock of `time.perf_counter`."""
         self._intersection = intersection
         self._loop = loop
         self._queue: deque[Raw] = deque()
+        self._queued_bytes = 0  # two threads may add at once: near enough, until the next drain
         self._arrived = asyncio.Event()
         self._woken = False
+        self._roll_call = RollCall(loop)
         self._session: zenoh.Session | None = None
         self._declared: list[object] = []  # a token that nobody holds is withdrawn
         # Lock-step counts on every message; under the wall clock a blocked loop is worse than a lost one.
         self._congestion = zenoh.CongestionControl.BLOCK if lossless else zenoh.CongestionControl.DROP
         self._counts = lossless
-        self._command_keys: dict[str, str] = {}
+        self._command_keys: dict[str, zenoh.KeyExpr] = {}  # looked at once, not at every put
 
     @classmethod
     async def open(cls, intersection: str, config: zenoh.Config, charter: bytes, lossless: bool = False) -> Bus:
@@ -181,18 +187,24 @@ class Bus:
             if self._counts:
                 mark = sample.attachment
                 step = codec.marked_step(mark.to_bytes()) if mark is not None else -1
-            self._append(Raw(kind, content, str(sample.key_expr), step))
+            key = str(sample.key_expr)
+            self._append(Raw(kind, content, key, step))
+            if kind == "state":
+                self._roll_call.heard(key)
 
         return received
 
     def _liveliness(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
-            self._append(Raw("gone", b"", str(sample.key_expr)))
+            key = str(sample.key_expr)
+            self._append(Raw("gone", b"", key))
+            self._roll_call.heard(keys.of_vehicle(self._intersection, "state", keys.vehicle_of(key)))
 
     def _append(self, raw: Raw) -> None:
-        if len(self._queue) >= MAX_QUEUED:
+        if len(self._queue) >= MAX_QUEUED or self._queued_bytes >= MAX_QUEUED_BYTES:
             self.overflow += 1
             return
+        self._queued_bytes += len(raw.payload)
         self._queue.append(raw)
         if not self._woken:
             self._woken = True
@@ -200,23 +212,31 @@ class Bus:
 
     def drain(self) -> list[Raw]:
         """All messages since the last call, in the order they came."""
+        self.closed_s = time.perf_counter()
         self._arrived.clear()
         self._woken = False  # before the queue is emptied, so that a message coming now wakes the loop again
-        queue = self._queue
+        queue, self._queued_bytes = self._queue, 0
         return [queue.popleft() for _ in range(len(queue))]
 
     async def arrival(self) -> None:
         """Returns once there is something to drain."""
         await self._arrived.wait()
 
+    async def all_heard(self, whom: Collection[str], most_s: float) -> bool:
+        """Returns once all of these keys of states have been heard, or their vehicles are gone; False after `most_s`.
+
+        What came before the call does not count.
+        """
+        return await self._roll_call.heard_all(whom, most_s)
+
     def publish_commands(self, commands: Iterable[Command]) -> None:
         """Sends every command to its vehicle."""
-        cached = self._command_keys
+        known, self._command_keys = self._command_keys, {}  # of who is there now: nobody is remembered for good
         for command in commands:
-            key = cached.get(command.vehicle)
+            key = known.get(command.vehicle)
             if key is None:
-                key = keys.of_vehicle(self._intersection, "command", command.vehicle)
-                cached[command.vehicle] = key
+                key = zenoh.KeyExpr(keys.of_vehicle(self._intersection, "command", command.vehicle))
+            self._command_keys[command.vehicle] = key
             self._put(key, codec.COMMAND.encode(command))
 
     def publish_cycle(self, report: CycleReport) -> None:
@@ -224,11 +244,10 @@ class Bus:
         self._put(keys.cycle(self._intersection), codec.CYCLE.encode(report))
 
     def publish_ledger(self, entry: LedgerEntry) -> None:
-        """Says what a vehicle paid; the last word to it, so its key is forgotten."""
-        self._command_keys.pop(entry.vehicle, None)
+        """Says what a vehicle paid."""
         self._put(keys.of_vehicle(self._intersection, "ledger", entry.vehicle), codec.LEDGER.encode(entry))
 
-    def _put(self, key: str, payload: bytes) -> None:
+    def _put(self, key: str | zenoh.KeyExpr, payload: bytes) -> None:
         if self._session is not None:
             self._session.put(key, payload, congestion_control=self._congestion)
 

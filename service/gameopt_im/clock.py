@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -17,6 +17,10 @@ from gameopt_wire import codec
 from gameopt_wire.messages import STEP_S, Step
 
 CYCLES_PER_S = round(1 / STEP_S)
+MAX_HELD = 100_000
+"""Messages that wait for a step at most; beyond that the newest, for a step may never come."""
+SETTLE_S = 0.001
+"""Once everybody is heard, bids and newcomers that come with their states are waited for this long."""
 LONGEST_WAIT_S = 2.0 * STEP_S + 1e-6
 """A longer wait than this for the next control cycle means that the clock has been set back."""
 
@@ -30,14 +34,21 @@ class Source(Protocol):
     async def arrival(self) -> None:
         """Returns once there is something to drain."""
 
+    async def all_heard(self, whom: Collection[str], most_s: float) -> bool:
+        """Returns once states under all of these keys have come, or False after `most_s`."""
+
 
 class Tick(NamedTuple):
-    """The beginning of a control cycle; `restarted` says that lock-step time has begun anew."""
+    """The beginning of a control cycle; `restarted` says that lock-step time has begun anew.
+
+    `left_s` is the time to the next grid point, where the vehicles will want their commands; None in lock-step.
+    """
 
     cycle: int
     time_s: float
     messages: list[Raw]
     restarted: bool = False
+    left_s: float | None = None
 
 
 class Upcoming(NamedTuple):
@@ -80,7 +91,11 @@ class Grid:
 
 
 class WallClock:
-    """Control cycles on the grid of the wall clock; `missed` counts those that never began."""
+    """Control cycles on the grid of the wall clock; `missed` counts those that never began.
+
+    One begins `collect_s` after its grid point; sooner, once everybody who was heard for the last one has been heard
+    again since the grid point. `late_s` is how long after the later moment the last one began, 0 before it.
+    """
 
     def __init__(
         self,
@@ -90,24 +105,39 @@ class WallClock:
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         self.missed = 0
+        self.late_s = 0.0
         self.rejected: Counter[str] = Counter()
         self._source = source
         self._grid = Grid(collect_s)
         self._now = now
         self._sleep = sleep
         self._last: int | None = None
+        self._heard: set[str] = set()
 
     async def next_cycle(self) -> Tick:
         """Sleeps until the next control cycle is due."""
         cycle = self._plan()
         while (late_s := self._now() - self._grid.due_s(cycle)) < 0.0 or late_s >= STEP_S:
-            if -LONGEST_WAIT_S <= late_s < 0.0:
-                await self._sleep(-late_s)
-            else:  # set back, or slept through all of it, as a suspended process does
+            if not -LONGEST_WAIT_S <= late_s < 0.0:  # set back, or slept through all of it, as if suspended
                 cycle = self._plan()
-        self._last = cycle
+            elif await self._complete(cycle, -late_s):
+                break
+        self._last, self.late_s = cycle, max(0.0, late_s)
         messages, _ = split_steps(self._source.drain())
-        return Tick(cycle, self._grid.time_s(cycle), messages)
+        self._heard = {raw.key for raw in messages if raw.kind == "state"}
+        left_s = self._grid.time_s(cycle + 1) - self._now()
+        return Tick(cycle, self._grid.time_s(cycle), messages, left_s=left_s)
+
+    async def _complete(self, cycle: int, left_s: float) -> bool:
+        """Sleeps up to `left_s`; whether there is nobody to wait for any longer."""
+        since_s = self._now() - self._grid.time_s(cycle)
+        if self._heard and since_s >= 0.0:
+            if await self._source.all_heard(self._heard, left_s):
+                await self._sleep(min(SETTLE_S, left_s))
+                return True
+            return False
+        await self._sleep(-since_s if self._heard else left_s)
+        return False
 
     def _plan(self) -> int:
         cycle, missed = self._grid.after(self._now(), self._last)
@@ -121,6 +151,9 @@ class LockStep:
 
     Whatever else is on the network, as the rest of a simulator that was killed, is taken along uncounted.
     """
+
+    late_s: None = None
+    """It has no time to be late for."""
 
     def __init__(self, source: Source) -> None:
         self.missed = 0
@@ -140,6 +173,9 @@ class LockStep:
         """Adds what has arrived; the control cycle, once it is complete."""
         messages, steps = split_steps(arrived)
         self._messages += messages
+        if (excess := len(self._messages) - MAX_HELD) > 0:
+            del self._messages[:excess]
+            self.rejected["overflow"] += excess
         for raw in steps:
             try:
                 self._step = codec.STEP.decode(raw.payload)  # the newest holds: an older simulator is gone

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Literal, NamedTuple
+
+from gameopt_wire import keys
 
 Kind = Literal["state", "bid", "step", "gone"]
 
@@ -27,3 +29,21 @@ def split_steps(messages: Iterable[Raw]) -> tuple[list[Raw], list[Raw]]:
     for raw in messages:
         (steps if raw.kind == "step" else of_vehicles).append(raw)
     return of_vehicles, steps
+
+
+def within(messages: Sequence[Raw], most: int, known: Iterable[str]) -> tuple[Sequence[Raw], int]:
+    """At most so many of the messages, in their order, and how many of the vehicles' are left out.
+
+    Those under the keys of `known` vehicles come first, and of either the newest: who is there already is not crowded
+    out by whoever floods other keys.
+    """
+    if len(messages) <= most:
+        return messages, 0
+    chunks = {keys.encode(vehicle) for vehicle in known}
+    of_known, others = list[int](), list[int]()
+    for k, raw in enumerate(messages):
+        (of_known if raw.key.rpartition("/")[2] in chunks else others).append(k)
+    taken = of_known[-most:]
+    taken += others[max(0, len(others) - most + len(taken)) :]
+    kept = [messages[k] for k in sorted(taken)]
+    return kept, sum(raw.kind != "gone" for raw in messages) - sum(raw.kind != "gone" for raw in kept)

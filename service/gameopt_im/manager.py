@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ import structlog
 from msgspec import structs
 
 from gameopt_im.core import decision, planning
+from gameopt_im.core.budget import Load, Took
 from gameopt_im.core.conflicts import ground
 from gameopt_im.core.decision import Conclusion, Picture, Settled, Winner
 from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
@@ -22,6 +24,7 @@ from gameopt_im.core.reservations import Book, Reservation
 from gameopt_im.core.snapshot import Snapshot
 from gameopt_im.inbox import Raw
 from gameopt_im.options import ServeOptions
+from gameopt_im.pace import Pace
 from gameopt_im.sight import Sight
 from gameopt_im.solver.contest import Solver
 from gameopt_im.strategy import Strategy, strategy_of
@@ -32,15 +35,23 @@ log = structlog.get_logger()
 
 LATEST_S = 1e6
 """A slot farther off than this is none."""
+QUIET_CYCLES = 100
+"""Control cycles without a refusal after which the next one is said again."""
+NAMED = 5
+"""Vehicles that are named in a line of the log, whatever their number."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a control cycle came to: what to send, and what to write down."""
+    """What a control cycle came to: what to send, and what to write down.
+
+    `decided_s` is when its commands stood, on the clock of `time.perf_counter`.
+    """
 
     commands: list[Command]
     report: CycleReport
     ledger: list[LedgerEntry]
+    decided_s: float = 0.0
 
 
 class Manager:
@@ -60,13 +71,17 @@ class Manager:
         self._tracker = Tracker(options.map, self._ground, options.parameters, options.clock, term)
         self._solver = solver
         self._strategy = self._fresh_strategy()
+        self._pace = Pace(options)
         self._book = Book()
         self._order: tuple[str, ...] = ()
         self._next_clearance = 1
         self._entered: dict[str, float] = {}
         self._open: dict[str, LedgerEntry] = {}
-        self._stage_started = 0.0
+        self._stage_started = self._planned = 0.0
         self._stages: dict[str, float] = {}
+        self._solved = 0, 0
+        """Programs begun and solved in the last control cycle."""
+        self._refused, self._refusing_until = 0, -1
 
     @property
     def bids(self) -> int:
@@ -84,8 +99,13 @@ class Manager:
         self._entered.clear()
         self._open.clear()
 
-    async def control_cycle(self, cycle: int, time_s: float, messages: list[Raw]) -> Outcome:
-        """Messages in, commands out; the same in, the same out."""
+    async def control_cycle(
+        self, cycle: int, time_s: float, messages: list[Raw], left_s: float | None = None
+    ) -> Outcome:
+        """Messages in, commands out; the same in, the same out.
+
+        With `left_s`, the time to the next grid point, as much is tried as fits (`pace.py`); None: everything.
+        """
         started = self._stage_started = time.perf_counter()
         self._tracker.ingest(messages, time_s)
         self._mark("ingest")
@@ -95,13 +115,17 @@ class Manager:
         limits = picture.limits
         self._mark("snapshot")
 
-        parameters, count = self.options.parameters, self.options.candidates
-        who = planning.bidders(snapshot, self._ground, self._book, limits, parameters, count)
-        proposal = self._strategy.propose(snapshot, self._book, limits, who, self._order)
+        parameters = self.options.parameters
+        load = Load(len(snapshot), int(np.count_nonzero(limits.phase == UNCLEARED)))
+        effort = self._pace.effort(load, self._stage_started - started, left_s)
+        who = planning.bidders(snapshot, self._ground, self._book, limits, parameters, max(1, effort.candidates))
+        proposal = self._strategy.propose(snapshot, self._book, limits, who, self._order, effort)
         self._mark("auction")
         results = await self._solver.solve(proposal.jobs, self._deadline())
         winner = self._strategy.choose(proposal, results)
         self._mark("programs")
+        self._planned = self._stage_started
+        self._solved = len(results), sum(result is not None for result in results)
 
         concluded = decision.conclude(
             snapshot, self._ground, self._book, picture, who, winner, parameters,
@@ -114,19 +138,26 @@ class Manager:
         ledger = self._write_ledger(settled, time_s)
         self._order = tuple(snapshot.ids[i] for i in concluded.order)
         self._mark("commands")
-        elapsed_ms = 1e3 * (time.perf_counter() - started)
+        decided_s = self._stage_started
+        elapsed_ms = 1e3 * (decided_s - started)
         report = self._report(snapshot, picture, concluded, winner, proposal.count, len(commands), elapsed_ms)
         self._log(settled, picture, snapshot)
         self.sight = Sight(
             snapshot, limits.phase, self._book, who, proposal, results, winner, concluded, self._tracker.last_state
         )
-        return Outcome(commands, report, ledger)
+        return Outcome(commands, report, ledger, decided_s)
 
     def _deadline(self) -> float | None:
         """On the loop's clock; in lock-step there is none, so that nothing depends on the machine."""
         if self.options.clock == "lockstep":
             return None
-        return asyncio.get_running_loop().time() + self.options.parameters.program.deadline_s
+        most_s = self._pace.deadline_s(1e-3 * self._stages["auction"], self.options.parameters.program.deadline_s)
+        return asyncio.get_running_loop().time() + most_s
+
+    def published(self) -> None:
+        """The commands of the last control cycle are out: what it took decides what the next one tries."""
+        sequences, programs = 1e-3 * self._stages["auction"], 1e-3 * self._stages["programs"]
+        self._pace.learn(Took(sequences, programs, time.perf_counter() - self._planned), *self._solved)
 
     def _mark(self, stage: str) -> None:
         now = time.perf_counter()
@@ -169,15 +200,13 @@ class Manager:
 
     def _write_ledger(self, settled: Settled, time_s: float) -> list[LedgerEntry]:
         """An entry when a clearance is taken and paid for, and again when its vehicle has left the zone."""
-        entries = []
-        for event in self._tracker.take_events():
+        entries, events = [], self._tracker.take_events()
+        _say(log.warning, "vehicles lost", [event.vehicle for event in events if event.kind == "lost"])
+        _say(log.info, "vehicles left out", [event.vehicle for event in events if event.kind == "stale"])
+        for event in events:
             if event.kind == "entered":
                 self._entered[event.vehicle] = event.entered_s
                 continue
-            if event.kind == "lost":
-                log.warning("vehicle lost", vehicle=event.vehicle, heard_s=event.heard_s)
-            elif event.kind == "stale":
-                log.info("vehicle left out", vehicle=event.vehicle, heard_s=event.heard_s)
             self._entered.pop(event.vehicle, None)
             self._open.pop(event.vehicle, None)
         for taken in settled.accepted:
@@ -238,18 +267,28 @@ class Manager:
             rejected_total={str(reason): n for reason, n in (self._tracker.rejected + self.unread).items()},
             fallback=self._tracker.fallbacks,
             silent=int(np.count_nonzero(snapshot.silent)),
+            dropped_total=self._pace.dropped,
+            unsolved_total=self._pace.unsolved,
         )
 
     def _log(self, settled: Settled, picture: Picture, snapshot: Snapshot) -> None:
         """What should not happen is said once per control cycle; what happens all the time is not."""
-        for lapsed in settled.lapsed:
-            log.info("clearance lapsed", vehicle=lapsed.vehicle, clearance=lapsed.clearance)
-        for i in np.flatnonzero(picture.limits.phase == INTRUDING):
-            log.warning("in the zone without a clearance", vehicle=snapshot.ids[i], distance_m=float(snapshot.s[i]))
-        for vehicle in picture.strayed:
-            log.warning("strayed from its profile", vehicle=vehicle, cycle=snapshot.cycle)
-        for vehicle in picture.withdrawn:
-            log.warning("clearance withdrawn", vehicle=vehicle, cycle=snapshot.cycle)
+        intruding = [snapshot.ids[i] for i in np.flatnonzero(picture.limits.phase == INTRUDING)]
+        _say(log.info, "clearances lapsed", [lapsed.vehicle for lapsed in settled.lapsed])
+        _say(log.warning, "in the zone without a clearance", intruding)
+        _say(log.warning, "strayed from their profiles", picture.strayed)
+        _say(log.warning, "clearances withdrawn", picture.withdrawn)
+        refused = self._tracker.rejected["overload"]
+        if refused > self._refused:
+            if snapshot.cycle > self._refusing_until:
+                log.warning("vehicles refused", vehicles=len(snapshot))
+            self._refused, self._refusing_until = refused, snapshot.cycle + QUIET_CYCLES
+
+
+def _say(tell: Callable[..., object], what: str, vehicles: Sequence[str]) -> None:
+    """One line, however many there are: a line each would take longer than the control cycle has."""
+    if vehicles:
+        tell(what, vehicles=len(vehicles), first=vehicles[:NAMED])
 
 
 def _offer(reservation: Reservation | None, now_s: float) -> Clearance | None:

@@ -32,6 +32,7 @@ from rich.progress import Progress
 
 from gameopt_im import logs, recorder
 from gameopt_im.core import interlock, planning
+from gameopt_im.core.budget import Effort
 from gameopt_im.core.conflicts import Ground, ground
 from gameopt_im.core.joint import in_order, joint
 from gameopt_im.core.reservations import Book
@@ -203,7 +204,7 @@ def _auctioned(snapshot: Snapshot, options: ServeOptions, known: Ground, rows: s
     limits = interlock.limits(snapshot, known, Book(), parameters.exit)
     started = process_time()
     who = planning.bidders(snapshot, known, Book(), limits, parameters, options.candidates)
-    proposal = paper.propose(snapshot, Book(), limits, who, ())
+    proposal = paper.propose(snapshot, Book(), limits, who, (), Effort(options.candidates))
     winner = paper.choose(proposal, [job.solve() for job in proposal.jobs])
     seconds = process_time() - started
     assert winner is not None

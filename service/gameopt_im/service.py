@@ -9,6 +9,7 @@ from contextlib import AsyncExitStack
 
 import structlog
 
+from gameopt_im import whole_way
 from gameopt_im.bus import Bus, configuration
 from gameopt_im.clock import LockStep, WallClock
 from gameopt_im.garbage import BetweenCycles
@@ -75,11 +76,13 @@ async def run(
                 manager.restart()
             manager.missed = clock.missed
             manager.unread = Counter({"overflow": bus.overflow}) + clock.rejected
-            outcome = await manager.control_cycle(tick.cycle, tick.time_s, tick.messages)
+            outcome = await manager.control_cycle(tick.cycle, tick.time_s, tick.messages, tick.left_s)
             bus.publish_commands(outcome.commands)
+            outcome = whole_way.measured(outcome, bus.closed_s, clock.late_s)
             bus.publish_cycle(outcome.report)
             for entry in outcome.ledger:
                 bus.publish_ledger(entry)
+            manager.published()
             if recorder is not None:
                 recorder.record(tick, outcome.commands)
             vitals.cycle_done(outcome, manager.bids)
@@ -105,4 +108,4 @@ def charter_of(options: ServeOptions, term: int) -> Charter:
 
 def solver_of(options: ServeOptions) -> Solver:
     """What solves the programs of the profile, warmed on them."""
-    return contest.solver_for(options.profile, options.workers)
+    return contest.solver_for(options.profile, options.workers, options.parameters.program)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from gameopt_im.core import auction, corridor, decision, planning, program, standing
+from gameopt_im.core.budget import Effort
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.decision import Winner
 from gameopt_im.core.horizon import Start
@@ -55,7 +56,13 @@ class Strategy(Protocol):
     slotless: bool
 
     def propose(
-        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...]
+        self,
+        snapshot: Snapshot,
+        book: Book,
+        limits: Limits,
+        who: Bidders,
+        previous: tuple[str, ...],
+        effort: Effort,
     ) -> Proposal:
         """The candidates and their programs."""
 
@@ -83,7 +90,13 @@ class DefaultProfile:
         self._ended: Ended | None = None
 
     def propose(
-        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...]
+        self,
+        snapshot: Snapshot,
+        book: Book,
+        limits: Limits,
+        who: Bidders,
+        previous: tuple[str, ...],
+        effort: Effort,
     ) -> Proposal:
         """The incumbent and up to K dispatch sequences, each with its horizon program."""
         if not len(who):
@@ -93,8 +106,9 @@ class DefaultProfile:
         problem = planning.demand(snapshot, self._ground, book, stack, limits, who, parameters)
         incumbent = decision.incumbent_order(previous, snapshot, who)
         priority = snapshot.speed_priority[who.index]
-        options = planning.candidates(problem, who, priority, snapshot.waited[who.index], incumbent, parameters)
-        if not parameters.program.solve:
+        waited, tried = snapshot.waited[who.index], who.tried(effort.candidates)
+        options = planning.candidates(problem, tried, priority, waited, incumbent, parameters)
+        if not (parameters.program.solve and effort.programs):
             return Proposal(who, options, (), problem)
         task = planning.horizon_task(snapshot, book, limits, problem, who, parameters)
         residual = parameters.program.residual_mps
@@ -117,13 +131,13 @@ class DefaultProfile:
     def choose(self, proposal: Proposal, results: Sequence[Outcome | None]) -> Winner | None:
         """Least predicted weighted delay plus a weight times J; the incumbent without a program if all are out.
 
-        Where no programs are solved, J is left out.
+        Where there are no programs to solve, J is left out.
         """
         if proposal.problem is None:
             return None
         options: Sequence[Candidate] = proposal.candidates
         objectives: list[float | None] = [None if result is None else result.objective for result in results]
-        if not self._parameters.program.solve:
+        if not proposal.jobs:
             objectives = [0.0] * len(options)
         best = planning.select(options, objectives, self._parameters)
         option = options[best or 0]
@@ -156,7 +170,13 @@ class PaperProfile:
         self._parameters = options.parameters
 
     def propose(
-        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...]
+        self,
+        snapshot: Snapshot,
+        book: Book,
+        limits: Limits,
+        who: Bidders,
+        previous: tuple[str, ...],
+        effort: Effort,
     ) -> Proposal:
         """Up to K sequences over all vehicles that are not past the conflict zone, cleared ones first."""
         del previous, limits
@@ -174,6 +194,7 @@ class PaperProfile:
         jobs = [
             PaperJob(vehicles, np.concatenate((ahead, order)), self._ground.conflict, self._parameters.program)
             for order in orders
+            if effort.programs
         ]
         return Proposal(who, orders, jobs, None)
 
@@ -184,7 +205,7 @@ class PaperProfile:
             return None
         solved = [(result.objective, k) for k, result in enumerate(results) if result is not None]
         best = min(solved)[1] if solved else 0
-        outcome = results[best]
+        outcome = results[best] if results else None
         order: Ints = proposal.candidates[best]
         speeds = outcome.speeds[:n] if outcome is not None else np.full(n, np.inf)
         delay = outcome.objective if outcome is not None else 0.0
@@ -202,10 +223,16 @@ class StopSign:
         self._queue: tuple[str, ...] = ()
 
     def propose(
-        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...]
+        self,
+        snapshot: Snapshot,
+        book: Book,
+        limits: Limits,
+        who: Bidders,
+        previous: tuple[str, ...],
+        effort: Effort,
     ) -> Proposal:
         """One order: the queue at the lines, then who has not come to a stand yet, by zone entry."""
-        del book, previous
+        del book, previous, effort
         uncleared = limits.phase == UNCLEARED
         at_line = standing.at_line(snapshot, self._ground)
         self._queue = standing.queue(self._queue, snapshot, uncleared, at_line)

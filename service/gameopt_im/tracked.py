@@ -15,8 +15,8 @@ from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.kinematics import NEVER
 from gameopt_im.core.parameters import VehicleClass
 from gameopt_im.core.snapshot import FOREIGN, NONE, Bools, Floats, Ints, Snapshot
-from gameopt_wire.messages import STEP_S, State
-from gameopt_wire.motion import STOP_OFFSET_M
+from gameopt_im.core.tracking import predicted
+from gameopt_wire.messages import State
 
 
 class Heard(NamedTuple):
@@ -104,41 +104,13 @@ def heard_of(present: Sequence[Tracked]) -> Heard:
     return Heard(*table[:REALS], *table[REALS:].view(np.int64))
 
 
-def could_stop(heard: Heard) -> Bools:
-    """Who could come to a stand before the line when last heard.
-
-    A vehicle that rides rule 1's curve exactly could: that curve ends `STOP_OFFSET_M` before the line.
-    """
-    return np.asarray(heard.v**2 <= 2.0 * heard.b_max * heard.s)
-
-
-def holding(heard: Heard, reserved: Bools) -> Bools:
-    """Who has a clearance by the manager's own books, offered or accepted, or by what it says itself."""
-    return np.asarray(reserved | (heard.accepted != NONE))
-
-
-def predict(heard: Heard, reserved: Bools, time_s: float) -> tuple[Floats, Floats]:
-    """Distances to the line and speeds at `time_s`, at constant speed.
-
-    Without a clearance a vehicle that can stop does so by itself (rule 1), so it is predicted no further than
-    where it would stand. A state from just after the control cycle's time is taken back, one step at most.
-    """
-    age = np.maximum(time_s - heard.time, -STEP_S)
-    s, v = heard.s - heard.v * age, heard.v
-    waits = (age > 0.0) & could_stop(heard) & ~holding(heard, reserved)
-    if not waits.any():
-        return s, v.copy()
-    rest = np.minimum(heard.s, heard.setback + STOP_OFFSET_M)
-    s = np.where(waits, np.maximum(s, rest), s)
-    slowed = np.minimum(v, np.sqrt(2.0 * heard.b_max * np.maximum(s - rest, 0.0)))
-    return s, np.where(waits, slowed, v)
-
-
 def picture(
     cycle: int, time_s: float, ids: tuple[str, ...], heard: Heard, reserved: Bools, ground: Ground, silent_s: float
 ) -> Snapshot:
     """The snapshot of vehicles by their records; states older than `silent_s` are marked silent."""
-    s, v = predict(heard, reserved, time_s)
+    s, v = predicted(
+        heard.time, heard.s, heard.v, heard.b_max, heard.setback, heard.accepted, reserved, time_s
+    )  # fmt: skip
     movement = heard.movement
     limit = np.where(s > 0.0, ground.limit_mps[movement], ground.exit_mps[movement])
     age = np.maximum(time_s - heard.time, 0.0)

@@ -15,25 +15,27 @@ Between states a vehicle is predicted (`tracked.predict`), and marked silent onc
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
+from gameopt_im.admission import ENDLESS, refused
 from gameopt_im.core.bids import assign, class_bounds
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.snapshot import Bools, Ints, Snapshot
-from gameopt_im.inbox import Raw
-from gameopt_im.tracked import Heard, Tracked, could_stop, heard_of, holding, picture, same_body
+from gameopt_im.core.tracking import LEFT, LOST, STALE, STAYS, Patience, fates, has_left
+from gameopt_im.inbox import Raw, within
+from gameopt_im.tracked import Heard, Tracked, heard_of, picture, same_body
 from gameopt_wire import codec, keys
 from gameopt_wire.intersection import IntersectionMap
 from gameopt_wire.messages import STEP_S, Bid, Clock, State
 
 Reason = Literal[
     "oversized", "malformed", "version", "out_of_range",  # the codec's
-    "key", "unknown_movement", "uncovered", "time", "duplicate", "stale", "changed", "overload",
+    "key", "unknown_movement", "uncovered", "time", "duplicate", "stale", "changed", "overload", "flood",
 ]  # fmt: skip
 EventKind = Literal["entered", "left", "stale", "lost"]
 
@@ -43,13 +45,14 @@ SILENT_CYCLES: dict[Clock, float] = {"lockstep": 1.01, "wall": 1.5}
 """Age in control cycles beyond which a vehicle counts as silent; under the wall clock delivery wavers."""
 OUTSIDE_ZONE_M = 50.0
 """A distance this far outside the map's lanes is not believed."""
+MESSAGES_EACH = 2
+"""Messages that are read per control cycle for each vehicle there may be: a state and a bid."""
 AFTER_EXIT_M = 60.0
 """Vehicles are kept this far past the stretch over which exit headways are opened (`exit.distance_m`)."""
 
 _NOBODY: frozenset[str] = frozenset()
-LEFT, LOST, STALE = 1, 2, 3
 FATES: dict[int, EventKind] = {LEFT: "left", LOST: "lost", STALE: "stale"}
-"""What may become of a vehicle that is dropped; 0 stays."""
+"""What is said of a vehicle that is dropped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +86,8 @@ class Tracker:
         self._movements = {movement.id: index for index, movement in enumerate(intersection.movements)}
         self._zone_m: list[float] = [intersection.lanes[movement.lane].zone_m for movement in intersection.movements]
         self._exit_end_m = ground.length + ground.exit_length
+        service, stretch_m = parameters.service, parameters.exit.distance_m
+        self._patience = Patience(service.stale_s, service.hold_s, stretch_m, stretch_m + AFTER_EXIT_M)
         self._vehicles: dict[str, Tracked] = {}
         self._ordered: list[Tracked] | None = None
         self.reserved: Collection[str] = _NOBODY
@@ -101,8 +106,12 @@ class Tracker:
         self._gone.clear()
         self._events.clear()
 
-    def ingest(self, messages: Iterable[Raw], now_s: float) -> None:
+    def ingest(self, messages: Sequence[Raw], now_s: float) -> None:
         """Takes in what arrived for the control cycle at `now_s`: counted whatever it is, never raised."""
+        if self._clock == "wall":  # a step waits for all of its messages to be read
+            messages, unread = within(messages, MESSAGES_EACH * self._parameters.service.max_vehicles, self._vehicles)
+            self.received += unread
+            self.rejected += Counter({"flood": unread})
         for raw in messages:
             if raw.kind == "gone":
                 self.vanish(keys.vehicle_of(raw.key))
@@ -129,7 +138,7 @@ class Tracker:
         reason = self._implausible(state, movement, now_s) or _outdated(last, state)
         if reason is None and known and self._holds_clearance(known) and not same_body(known.state, state):
             reason = "changed"
-        if reason is None and known is None and len(self._vehicles) >= self._parameters.service.max_vehicles:
+        if reason is None and known is None and len(self._vehicles) >= ENDLESS * self._parameters.service.max_vehicles:
             reason = "overload"
         if reason is None:
             self._take(state, movement, known, now_s)
@@ -139,7 +148,8 @@ class Tracker:
         """Takes a bid in; it may come before its vehicle's first state. The reason where it is not taken."""
         known = self._bids.get(bid.vehicle)
         reason = self._wrong_time(bid.time_s, now_s) or _outdated(known, bid)
-        if reason is None and known is None and len(self._bids) >= self._parameters.service.max_vehicles:
+        stranger = known is None and bid.vehicle not in self._vehicles
+        if reason is None and stranger and len(self._bids) >= self._parameters.service.max_vehicles:
             reason = "overload"
         if reason is None:
             self._bids[bid.vehicle] = bid
@@ -176,20 +186,34 @@ class Tracker:
         Vehicles that have left or been silent too long are dropped on the way, with an event each.
         """
         self.reserved = reserved
+        self._refuse()
         present = self._in_order()
         heard = heard_of(present)
         held = self._are_reserved(present)
-        fates = self._fates(heard, held, time_s)
-        if fates.any():
-            for vehicle, fate in zip(present, fates.tolist(), strict=True):
-                if fate:
+        become = self._fates(heard, held, time_s)
+        if become.any():
+            for vehicle, fate in zip(present, become.tolist(), strict=True):
+                if fate != STAYS:
                     self._drop(vehicle, FATES[fate], time_s)
-            present, heard, held = self._in_order(), heard.only(fates == 0), held[fates == 0]
+            present, heard, held = self._in_order(), heard.only(become == STAYS), held[become == STAYS]
         self._forget(time_s)
         self.fallbacks = int(np.count_nonzero(heard.fallback))
         silent_s = SILENT_CYCLES[self._clock] * STEP_S
         ids = tuple(vehicle.state.vehicle for vehicle in present)
         return picture(cycle, time_s, ids, heard, held, self._ground, silent_s)
+
+    def _refuse(self) -> None:
+        """Lets newcomers go where there are too many; they never came."""
+        excess = len(self._vehicles) - self._parameters.service.max_vehicles
+        if excess <= 0:
+            return
+        came = [self._vehicles.get(event.vehicle) for event in self._events if event.kind == "entered"]
+        names = refused([vehicle for vehicle in came if vehicle is not None], excess)
+        for name in names:
+            del self._vehicles[name]
+            self.rejected["overload"] += 1
+        self._events = [event for event in self._events if event.kind != "entered" or event.vehicle not in names]
+        self._ordered = None
 
     def _in_order(self) -> list[Tracked]:
         """The vehicles by zone entry, then id."""
@@ -251,7 +275,8 @@ class Tracker:
             priority=assign(bounds, bid.assertiveness if bid else bounds.assertiveness[0]),
         )
         if known is None:
-            if self._has_left(movement, state.length_m, -state.distance_m):
+            rear_m = -state.distance_m - state.length_m - self._ground.clear[movement]
+            if has_left(rear_m, -state.distance_m, self._exit_end_m[movement], self._patience):
                 return  # it still speaks of the way behind the exit; that is nobody's entry
             self._tell("entered", vehicle, now_s)
         vehicle.note(self._term)
@@ -266,27 +291,11 @@ class Tracker:
         for name in [name for name, state in self._gone.items() if state.time_s < oldest_s]:
             del self._gone[name]
 
-    def _has_left(self, movement: Any, length_m: Any, front_m: Any) -> Any:
-        """Whether it is through, its front this far past the line: rear clear, and the exit stretch done."""
-        rear_m = front_m - length_m - self._ground.clear[movement]
-        stretch_m = self._parameters.exit.distance_m + AFTER_EXIT_M
-        return (rear_m >= 0.0) & ((rear_m >= stretch_m) | (front_m >= self._exit_end_m[movement]))
-
     def _fates(self, heard: Heard, held: Bools, time_s: float) -> Ints:
-        """(n,) which of `FATES` each vehicle has now."""
-        service, movement = self._parameters.service, heard.movement
-        age = time_s - heard.time
-        front = -heard.s
-        rear = front - heard.length - self._ground.clear[movement]
-        # Heard last where nothing can be in its way any more, or about to leave the map.
-        was_clear = (rear >= 0.0) | (front + 2.0 * STEP_S * heard.v >= self._exit_end_m[movement])
-        # Its silence means that it needs no more commands: its headway has been opened.
-        released = (age > 1.5 * STEP_S) & (rear >= self._parameters.exit.distance_m)
-        through = self._has_left(movement, heard.length, heard.v * np.maximum(age, 0.0) + front)
-        left = was_clear & ((heard.vanished > 0) | released | through)
-        lost = age > service.hold_s
-        stale = (age > service.stale_s) & could_stop(heard) & ~holding(heard, held)
-        return np.select([left, lost, stale], [LEFT, LOST, STALE])
+        return fates(
+            heard.time, heard.s, heard.v, heard.length, heard.b_max, heard.movement, heard.accepted, heard.vanished,
+            held, self._ground.clear, self._exit_end_m, time_s, self._patience,
+        )  # fmt: skip
 
 
 def _outdated(known: State | Bid | None, new: State | Bid) -> Reason | None:

@@ -18,7 +18,7 @@ from gameopt_im.stages import Stages
 from gameopt_wire.messages import Clock, CycleReport
 
 WHOLE = "whole"
-"""The stage that is all of them: from the beginning of a control cycle until its last message is with Zenoh."""
+"""The stage that is all of them: the whole way of a control cycle (`whole_way`)."""
 STALLED_S = 1.0
 """Wall clock: a loop that ended its last control cycle longer ago than this does not run."""
 STUCK_S = 10.0
@@ -73,7 +73,8 @@ class Vitals:
         """A control cycle has ended, its messages are with Zenoh; `bids` taken since the start."""
         report = outcome.report
         now_s = self._now()
-        self.stages.observe(WHOLE, now_s - self._turned_s)
+        if report.whole_ms is not None:
+            self.stages.observe(WHOLE, 1e-3 * report.whole_ms)
         for stage, elapsed_ms in report.stages_ms.items():
             self.stages.observe(stage, 1e-3 * elapsed_ms)
         self.report = report

@@ -16,7 +16,8 @@ from gameopt_wire.messages import STEP_S
 
 log = structlog.get_logger()
 
-CYCLES = 60
+CYCLES, SHORT_CYCLES = 65, 5
+"""Control cycles; the first of them with no time left, for what is done then has to be compiled, too."""
 NOTICEABLE_S = 2.0
 
 
@@ -25,11 +26,12 @@ async def warm_up(options: ServeOptions) -> None:
     started = time.perf_counter()
     log.info("warming up; the first run on a machine compiles for about a minute")
     rehearsal = replace(options, workers=0, clock="lockstep", record=None)
-    async with contest.solver_for(rehearsal.profile, 0) as pool:
+    async with contest.solver_for(rehearsal.profile, 0, rehearsal.parameters.program) as pool:
         manager = Manager(rehearsal, 0, pool)
         traffic = Rehearsal(options.map, 2 * len(options.map.movements))
         for cycle in range(CYCLES):
-            outcome = await manager.control_cycle(cycle, cycle * STEP_S, traffic.messages(cycle * STEP_S))
+            messages, left_s = traffic.messages(cycle * STEP_S), 0.0 if cycle < SHORT_CYCLES else None
+            outcome = await manager.control_cycle(cycle, cycle * STEP_S, messages, left_s)
             traffic.obey(outcome.commands)
             await asyncio.sleep(0)  # who asks meanwhile whether the manager is ready gets an answer
     elapsed = time.perf_counter() - started

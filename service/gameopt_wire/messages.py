@@ -135,7 +135,15 @@ class Step(Message, frozen=True, kw_only=True, tag="step", gc=False):
 
 
 class CycleReport(Message, frozen=True, kw_only=True, tag="cycle"):
-    """One per control cycle, after its commands. Counters with `_total` run from the start of the term."""
+    """One per control cycle, after its commands. Counters with `_total` run from the start of the term.
+
+    `elapsed_ms` is the decision, from messages to commands. `whole_ms` is the whole way, of which `stages_ms` are the
+    parts: from the moment no later state is taken to the last command handed to Zenoh. `late_ms` is how long after its
+    time under the wall clock the control cycle began. Both are null where nobody has measured them.
+
+    For want of time, `dropped_total` candidates were not tried, and `unsolved_total` control cycles went without
+    programs.
+    """
 
     term: Counter
     cycle: Counter
@@ -153,6 +161,8 @@ class CycleReport(Message, frozen=True, kw_only=True, tag="cycle"):
     delay_s: float
     elapsed_ms: float
     stages_ms: dict[str, float]
+    whole_ms: float | None = None
+    late_ms: float | None = None
     qp_solved_total: Counter
     qp_failed_total: Counter
     qp_late_total: Counter
@@ -161,6 +171,8 @@ class CycleReport(Message, frozen=True, kw_only=True, tag="cycle"):
     rejected_total: dict[str, int]
     fallback: Counter
     silent: Counter
+    dropped_total: Counter = 0
+    unsolved_total: Counter = 0
 
 
 class LedgerEntry(Message, frozen=True, kw_only=True, tag="ledger", gc=False):

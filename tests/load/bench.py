@@ -42,7 +42,7 @@ def main(flows: str, seconds: int, vehicles: str, cycles: int, workers: int, out
     """Record, measure, and print the table."""
     recordings = [recorded(int(flow), seconds, out) for flow in flows.split(",")]
     named = [part for path in recordings for part in ("--recording", path)]
-    figures = ["--vehicles", vehicles, "--cycles", str(cycles), "--workers", str(workers)]
+    figures = ["--vehicles", vehicles, "--cycles", str(cycles), "--workers", str(workers), "--no-ratios"]
     done = subprocess.run([BIN / "gameopt-im", "bench", *figures, *named, "--json", out / "bench.json"], check=False)
     sys.exit(done.returncode)
 

@@ -15,7 +15,7 @@ from gameopt_im.core.horizon import HorizonRules, HorizonTask
 from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.core.planning import Stake
 from gameopt_im.core.snapshot import Bools
-from gameopt_im.solver import horizon_job, jobs
+from gameopt_im.solver import jobs
 from gameopt_im.solver.contest import Contest, Solutions
 from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome
 from gameopt_im.solver.pool import Counts, Pool
@@ -94,16 +94,20 @@ def test_no_solution_is_below_the_bound(made: list[HorizonJob], seed: int) -> No
     for job, outcome in zip(made, outcome_of(Pool(0, jobs.SOLVE), made), strict=True):
         if outcome is None:
             continue
-        bounds = horizon.bounds(job.task, RULES, job.slots)
+        slots = job.slots[None]
         for duals in (outcome.end.duals, random.normal(size=outcome.end.duals.shape)):
-            assert duality.least_objective(job.task, RULES, bounds, duals, PLAY_MPS) <= outcome.objective + 1e-9
-        own = duality.least_objective(job.task, RULES, bounds, outcome.end.duals, 0.0)
+            assert duality.least_objectives(job.task, RULES, slots, duals, PLAY_MPS)[0] <= outcome.objective + 1e-9
+        own = duality.least_objectives(job.task, RULES, slots, outcome.end.duals, 0.0)[0]
         assert own == pytest.approx(outcome.objective, rel=5e-3, abs=0.5)
 
 
 def job(slots: Sequence[float], delay: float) -> HorizonJob:
-    warm = horizon_job.warm_up()
-    return HorizonJob(warm.task, warm.rules, np.array(slots), PLAY_MPS, Stake(delay, 0.01, 0.0))
+    task = HorizonTask(
+        counts=(2,), s=np.array([60.0, 80.0]), v=np.full(2, 15.0), length=np.full(2, 5.0), a=np.full(2, 2.0),
+        b=np.full(2, 4.5), top=np.full(2, 20.0), line_cap=np.full(2, 20.0), ps=np.ones(2), pv=np.ones(2),
+        room=np.full((2, len(RULES.blocks)), NEVER), trails=np.zeros(2, dtype=np.bool_),
+    )  # fmt: skip
+    return HorizonJob(task, RULES, np.array(slots), PLAY_MPS, Stake(delay, 0.01, 0.0))
 
 
 def test_who_cannot_win_is_not_solved() -> None:

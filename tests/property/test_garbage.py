@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gameopt_im.admission import ENDLESS, can_wait
 from gameopt_im.core.conflicts import ground
 from gameopt_im.core.parameters import Parameters, Service
 from gameopt_im.core.snapshot import Snapshot
@@ -128,12 +129,16 @@ def test_garbage_is_counted_and_harms_nobody(clock: Clock, messages: list[Raw], 
     tracker = Tracker(ROADS, GROUND, PARAMETERS, clock, term=1)
     witness = Raw("state", codec.STATE.encode(WITNESS), keys.of_vehicle("x", "state", "witness"))
     tracker.ingest([witness], NOW_S)
+    tracker.snapshot(999, NOW_S)
+    tracker.take_events()
     strangers = [raw for raw in messages if "witness" not in raw.key]
     tracker.ingest(strangers, NOW_S)
     snapshot = tracker.snapshot(1000, NOW_S)
 
     assert sound(snapshot)
-    assert len(snapshot) <= PARAMETERS.service.max_vehicles
+    assert len(snapshot) <= ENDLESS * PARAMETERS.service.max_vehicles
+    waiting = [name for name in snapshot.ids if can_wait(tracker.last_state(name))]
+    assert len(waiting) <= PARAMETERS.service.max_vehicles
     row = snapshot.ids.index("witness")
     assert (snapshot.s[row], snapshot.v[row], snapshot.silent[row]) == (80.0, 10.0, False)
     assert tracker.received == 1 + sum(raw.kind != "gone" for raw in strangers)
@@ -153,7 +158,7 @@ def test_every_rejection_has_its_reason(messages: list[Raw]) -> None:
         assert sum(tracker.rejected.values()) - before in (0, 1)
     allowed = {
         "oversized", "malformed", "version", "out_of_range", "key", "unknown_movement", "uncovered", "time",
-        "duplicate", "stale", "changed", "overload",
+        "duplicate", "stale", "changed", "overload", "flood",
     }  # fmt: skip
     assert set(tracker.rejected) <= allowed
 
@@ -206,7 +211,7 @@ def test_in_lock_step_the_order_of_arrival_does_not_matter(messages: list[State]
     unique = {message.vehicle: message for message in messages}
     raw = [
         Raw("state", codec.STATE.encode(message), keys.of_vehicle("x", "state", vehicle))
-        for vehicle, message in list(unique.items())[: PARAMETERS.service.max_vehicles]
+        for vehicle, message in unique.items()
     ]
     shuffled = list(raw)
     order.shuffle(shuffled)

@@ -13,6 +13,7 @@ import inspect
 import json
 import subprocess
 import sys
+import time
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
@@ -44,8 +45,8 @@ class InProcessBus:
 
     def __init__(self, manager: Any, intersection: str) -> None:
         self.intersection = intersection
-        self.commands: deque[bytes] = deque()
-        self.reports: deque[bytes] = deque()
+        self.commands: deque[Any] = deque()
+        self.reports: deque[Any] = deque()
         self.presence: deque[bool] = deque()
         self.digest = hashlib.sha256()
         self.last_report: Any = None
@@ -64,6 +65,7 @@ class InProcessBus:
         """Let the manager answer the step that was announced."""
         del timeout_s
         from gameopt_im.inbox import split_steps
+        from gameopt_vehicles.bus import Received
         from gameopt_wire import codec
 
         messages, steps = split_steps(self._inbox)
@@ -73,9 +75,9 @@ class InProcessBus:
         for command in outcome.commands:
             payload = codec.COMMAND.encode(command)
             self.digest.update(payload)
-            self.commands.append(payload)
+            self.commands.append(Received(time.monotonic(), payload))
         self.last_report = outcome.report
-        self.reports.append(codec.CYCLE.encode(outcome.report))
+        self.reports.append(Received(time.monotonic(), codec.CYCLE.encode(outcome.report)))
         return True
 
     def wake(self) -> None:

@@ -139,13 +139,13 @@ def driving(sumocfg: object, endpoint: str, *arguments: object, clock: str = "lo
 
 
 class Observer:
-    """A session of its own that hears all of gameopt's traffic and can talk, too."""
+    """A session of its own that hears all of gameopt's traffic, or a part, and can talk, too."""
 
-    def __init__(self, endpoint: str) -> None:
+    def __init__(self, endpoint: str, hears: str = f"{keys.ROOT}/**") -> None:
         self.heard: list[tuple[str, bytes]] = []
         self.reports: list[CycleReport] = []
         self.on_report: Callable[[CycleReport], None] | None = None
-        self._endpoint = endpoint
+        self._endpoint, self._hears = endpoint, hears
         self._loop = asyncio.get_running_loop()
         self._more = asyncio.Event()
 
@@ -159,7 +159,7 @@ class Observer:
         }.items():
             config.insert_json5(key, value)
         self._session = await asyncio.to_thread(zenoh.open, config)
-        self._subscriber = self._session.declare_subscriber(f"{keys.ROOT}/**", self._arrived)
+        self._subscriber = self._session.declare_subscriber(self._hears, self._arrived)
         return self
 
     async def __aexit__(self, *_: object) -> None:

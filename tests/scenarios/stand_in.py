@@ -6,7 +6,7 @@ import asyncio
 import os
 import socket
 from collections import deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Collection, Coroutine
 from typing import Any, Self, cast
 
 import uvloop
@@ -14,6 +14,7 @@ import zenoh
 
 from gameopt_im.clock import WallClock
 from gameopt_im.inbox import Kind, Raw
+from gameopt_im.roll_call import RollCall
 from gameopt_wire import codec, keys
 from gameopt_wire.intersection import Charter, ConflictArea, Footprint, IntersectionMap, Lane, Movement
 from gameopt_wire.messages import Bid, Clearance, Command, CycleReport, State
@@ -76,10 +77,12 @@ class Inbox:
         self._messages: deque[Raw] = deque()
         self._awake = asyncio.Event()
         self._loop = asyncio.get_running_loop()
+        self._roll_call = RollCall(self._loop)
 
     def put(self, raw: Raw) -> None:
         self._messages.append(raw)
         self._loop.call_soon_threadsafe(self._awake.set)
+        self._roll_call.heard(raw.key)
 
     def drain(self) -> list[Raw]:
         self._awake.clear()  # before it is emptied, so that a message coming now is not slept through
@@ -87,6 +90,9 @@ class Inbox:
 
     async def arrival(self) -> None:
         await self._awake.wait()
+
+    async def all_heard(self, whom: Collection[str], most_s: float) -> bool:
+        return await self._roll_call.heard_all(whom, most_s)
 
 
 class StandIn:

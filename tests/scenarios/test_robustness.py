@@ -102,7 +102,7 @@ def test_the_manager_forgets_killed_vehicles(sumocfg: Path, tmp_path: Path) -> N
             heard_s = max(codec.STATE.decode(payload).time_s for _, payload in observer.messages("state"))
             silent = await observer.until(lambda report: report.silent == report.vehicles > 0)
             gone = await observer.until(lambda report: report.vehicles == 0)
-            await serving.said("vehicle lost")
+            await serving.said("vehicles lost")
         assert silent.time_s - heard_s < 1.0  # their liveliness tokens say so at once
         assert 1.0 < gone.time_s - heard_s < 3.5
 

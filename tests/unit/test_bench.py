@@ -11,7 +11,7 @@ import pytest
 
 from gameopt_im import cli
 from gameopt_im.bench import DECISION, PERCENTILES, WITHOUT, Results
-from gameopt_im.core.parameters import Parameters
+from gameopt_im.core.parameters import Parameters, Program
 from gameopt_im.inbox import Raw
 from gameopt_im.manager import Manager
 from gameopt_im.options import ServeOptions
@@ -33,7 +33,7 @@ def test_made_up_traffic_crosses_and_is_kept_up() -> None:
     seen: Counter[str] = Counter()
 
     async def drive() -> None:
-        async with solver_for("default", 0) as pool:
+        async with solver_for("default", 0, Program()) as pool:
             manager = Manager(options, 1, pool)
             for cycle in range(1, 600):
                 messages = traffic.messages(cycle * STEP_S)
@@ -51,13 +51,19 @@ def test_made_up_traffic_crosses_and_is_kept_up() -> None:
 
 def test_every_stage_has_its_percentiles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "bench.json"
-    said = ["bench", "--vehicles", "6,12", "--cycles", "5", "--workers", "0", "--json", str(file)]
+    said = ["bench", "--vehicles", "6,9,12", "--cycles", "25", "--workers", "0", "--no-ratios", "--json", str(file)]
     assert cli.run(said) == 0
-    assert "12 vehicles" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "12 vehicles" in printed
+    assert "growth with the vehicles present" in printed
     results = msgspec.json.decode(file.read_bytes(), type=Results)
-    assert [each.traffic for each in results.measured] == ["6 vehicles", "12 vehicles"]
+    assert results.schema == "gameopt-bench/2"
+    assert results.ratios == []
+    assert {"auction", DECISION, WITHOUT} < {each.stage for each in results.growth}
+    assert {"python", "osqp"} < results.versions.keys()
+    assert [each.traffic for each in results.measured] == ["6 vehicles", "9 vehicles", "12 vehicles"]
     for each in results.measured:
-        assert each.cycles == 5
+        assert each.cycles == 25
         assert {"ingest", "snapshot", "auction", "programs", "interlock", "commands"} < set(each.stages_ms)
         for figures in each.stages_ms.values():
             assert list(figures) == list(PERCENTILES)

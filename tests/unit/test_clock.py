@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 
 import pytest
 
@@ -28,6 +28,9 @@ class Inbox:
     async def arrival(self) -> None:
         """The next batch is always there."""
 
+    async def all_heard(self, whom: Collection[str], most_s: float) -> bool:
+        raise AssertionError("nobody is waited for")
+
 
 class Hands:
     """A wall clock turned by hand: sleeping moves it on, by more than asked where `oversleep` says so."""
@@ -43,6 +46,22 @@ class Hands:
     async def sleep(self, seconds: float) -> None:
         self.slept.append(seconds)
         self.now_s += seconds + (self.oversleep.pop(0) if self.oversleep else 0.0)
+
+
+class Speaking(Inbox):
+    """A source whose vehicles have all spoken so long after they are waited for; one number a control cycle."""
+
+    def __init__(self, hands: Hands, after_s: Sequence[float], *batches: list[Raw]) -> None:
+        super().__init__(*batches)
+        self.whom: list[set[str]] = []
+        self._hands = hands
+        self._after_s = iter(after_s)
+
+    async def all_heard(self, whom: Collection[str], most_s: float) -> bool:
+        self.whom.append(set(whom))
+        after_s = next(self._after_s)
+        self._hands.now_s += min(after_s, most_s)
+        return after_s < most_s
 
 
 def wall_clock(hands: Hands, collect_s: float = 0.02, inbox: Inbox | None = None) -> WallClock:
@@ -131,10 +150,39 @@ def test_a_clock_set_back_does_not_stand_still() -> None:
     assert clock.missed == 0
 
 
+def test_a_control_cycle_begins_once_everybody_heard_before_is_heard_again() -> None:
+    hands = Hands(EPOCH_S)
+    batches = [[state("a"), state("b"), Raw("bid", b"b", "c")], [state("a")], [], []]
+    inbox = Speaking(hands, [0.006, 1.0], *batches)
+    clock = wall_clock(hands, 0.02, inbox)
+    began_s, late_s = [], []
+    for tick in (ticks(clock, 1)[0] for _ in range(4)):
+        began_s.append(hands.now_s - tick.time_s)
+        late_s.append(clock.late_s)
+    # Nobody known yet; all of two; one that stays silent; again nobody.
+    assert began_s == pytest.approx([0.02, 0.007, 0.02, 0.02], abs=1e-5)
+    assert inbox.whom == [{"a", "b"}, {"a"}]
+    assert late_s == pytest.approx([0.0] * 4, abs=1e-5)
+    assert clock.missed == 0
+
+
+def test_who_spoke_while_the_last_cycle_overran_does_not_make_the_next_one_early() -> None:
+    hands = Hands(EPOCH_S)
+    inbox = Speaking(hands, [1.0], [state("a")], [state("a")])
+    clock = wall_clock(hands, 0.02, inbox)
+    ticks(clock, 1)
+    hands.now_s += 0.09  # 10 ms into the next one
+    (tick,) = ticks(clock, 1)
+    assert (tick.cycle, hands.now_s) == (EPOCH + 1, pytest.approx(EPOCH_S + 0.12, abs=1e-5))
+
+
+def state(vehicle: str) -> Raw:
+    return Raw("state", b"s", vehicle)
+
+
 def test_a_tick_brings_the_messages_of_vehicles_and_no_steps() -> None:
-    state, step = Raw("state", b"s", "k"), Raw("step", b"", "k")
-    (tick,) = ticks(wall_clock(Hands(EPOCH_S), inbox=Inbox([state, step])), 1)
-    assert tick.messages == [state]
+    (tick,) = ticks(wall_clock(Hands(EPOCH_S), inbox=Inbox([state("k"), Raw("step", b"", "k")])), 1)
+    assert tick.messages == [state("k")]
 
 
 def step(cycle: int, messages: int) -> Raw:
@@ -180,3 +228,21 @@ def test_a_broken_step_is_counted_and_the_next_one_holds() -> None:
 def test_lock_step_reads_on_until_the_cycle_is_complete() -> None:
     clock = LockStep(Inbox([], [STATE], [step(1, 2)], [BID]))
     assert asyncio.run(clock.next_cycle(), debug=True) == Tick(1, 0.1, [STATE, BID])
+
+
+def test_messages_that_no_step_comes_for_are_held_only_so_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gameopt_im.clock.MAX_HELD", 3)
+    clock = LockStep(Inbox())
+    strays = [Raw("state", b"", f"stray {k}", -1) for k in range(10)]
+    for stray in strays:
+        assert clock.take([stray]) is None
+    assert clock.rejected == {"overflow": 7}
+    assert clock.take([step(1, 0)]) == Tick(1, 0.1, strays[-3:])
+
+
+def test_a_tick_says_how_long_it_is_to_the_next_grid_point() -> None:
+    hands = Hands(EPOCH_S + 0.001)
+    hands.oversleep = [0.0, 0.03]
+    in_time, late = ticks(wall_clock(hands), 2)
+    assert in_time.left_s == pytest.approx(0.08, abs=1e-3)
+    assert late.left_s == pytest.approx(0.05, abs=1e-3)

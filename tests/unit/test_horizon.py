@@ -12,7 +12,7 @@ from scipy.sparse import csc_matrix
 
 from gameopt_im.core import horizon
 from gameopt_im.core.corridor import SLACK_MPS, corridor, reference
-from gameopt_im.core.horizon import LONGEST, HorizonRules, HorizonTask, Platoon, platoons
+from gameopt_im.core.horizon import LONGEST, HorizonRules, HorizonTask, platoons
 from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.core.program import Sparse
 from gameopt_im.core.snapshot import Floats
@@ -57,8 +57,8 @@ class Built(NamedTuple):
 
 def built(task: HorizonTask = TASK, slots: Floats = SLOTS) -> Built:
     whole, ends = horizon.build(task, RULES, slots), np.cumsum(task.counts)
-    parts = [Platoon(*(part[end - m : end] for part in whole)) for m, end in zip(task.counts, ends, strict=True)]
-    lanes = [(each.program(BLOCKS), each.reference.ravel()) for each in parts]
+    parts = [whole[end - m : end] for m, end in zip(task.counts, ends, strict=True)]
+    lanes = [horizon.program(part, BLOCKS)[:2] for part in parts]  # without a start given, that is the reference
     assert [len(reference) for _, reference in lanes] == [count * H for count in task.counts]
     P, A = (
         block_diag(*(dense(matrix) for matrix in one)) for one in zip(*((qp.P, qp.A) for qp, _ in lanes), strict=True)

@@ -29,7 +29,7 @@ def test_speeds_and_j_are_those_of_all_lanes() -> None:
     outcome = solved(SLOTS)
     third = HorizonJob(TASK, RULES, SLOTS, 1e-3).programs()[1].solve()
     assert third is not None
-    assert outcome.speeds[2] == pytest.approx(12.0 + 0.2 * (third.x[0] - 12.0))  # 0.1 s of the first block's 0.5 s
+    assert outcome.speeds[2] == pytest.approx(12.0 + 0.2 * (third.u[0, 0] - 12.0))  # 0.1 s of the first block's 0.5 s
     assert outcome.residual >= third.residual
 
 

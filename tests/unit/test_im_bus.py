@@ -113,6 +113,30 @@ def test_messages_of_one_kind_keep_their_order() -> None:
     run(work())
 
 
+def test_a_roll_call_ends_with_the_last_one_awaited_whether_heard_or_gone() -> None:
+    async def work() -> None:
+        endpoint = free_endpoint()
+        here, leaving, silent = (keys.of_vehicle(HERE, "state", name) for name in ("here/1", "leaving/1", "silent"))
+        async with hub(endpoint) as bus, vehicles(endpoint) as session:
+            token = session.liveliness().declare_token(keys.alive(HERE, "leaving/1"))
+            await ask_map(session)
+            session.put(here, b"too early")
+            await gather(bus, 1)
+            assert not await bus.all_heard({here}, 0.0)
+            both = asyncio.create_task(bus.all_heard({here, leaving}, PATIENCE_S))
+            await asyncio.sleep(0)  # it has begun
+            session.put(here, b"state")
+            session.put(here, b"again")
+            session.put(silent, b"nobody waits for it")
+            await gather(bus, 3)
+            assert not both.done()
+            await asyncio.to_thread(token.undeclare)
+            assert await both
+            assert not await bus.all_heard({silent}, 0.01)
+
+    run(work())
+
+
 def test_an_oversized_message_is_cut_to_what_is_rejected_anyway() -> None:
     async def work() -> None:
         endpoint = free_endpoint()
@@ -171,6 +195,37 @@ def test_commands_and_ledger_entries_reach_their_vehicle_and_the_manager_is_aliv
             assert await asyncio.to_thread(presence.get, timeout=PATIENCE_S) == zenoh.SampleKind.PUT
             await bus.close()
             assert await asyncio.to_thread(presence.get, timeout=PATIENCE_S) == zenoh.SampleKind.DELETE
+
+    run(work())
+
+
+def test_what_is_held_is_bounded_in_bytes_too_and_what_is_dropped_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gameopt_im.bus.MAX_QUEUED_BYTES", 1_000)
+
+    async def work() -> None:
+        endpoint = free_endpoint()
+        async with hub(endpoint) as bus, vehicles(endpoint) as session:
+            for expected in (3, 6):  # the second time, too: what has been drained is held no longer
+                for _ in range(5):
+                    session.put(keys.of_vehicle(HERE, "state", "a"), b"x" * 400)
+                await ask_map(session)
+                assert len(bus.drain()) == 3
+                assert bus.overflow == 2 * expected // 3
+
+    run(work())
+
+
+def test_nobodys_command_key_is_remembered_for_good() -> None:
+    def command(vehicle: str) -> Command:
+        return Command(vehicle=vehicle, term=1, cycle=2, time_s=0.2, speed_mps=9.0, valid_until_s=0.7)
+
+    async def work() -> None:
+        async with hub(free_endpoint()) as bus:
+            for k in range(100):
+                bus.publish_commands([command(f"car {k}"), command(f"car {k + 1}")])
+                bus.publish_ledger(LedgerEntry(vehicle=f"car {k}", term=1, entered_s=0, cleared_s=0, price=0, bid=0))
+                bus.publish_commands([command(f"car {k}"), command(f"car {k + 1}")])
+            assert set(bus._command_keys) == {"car 99", "car 100"}
 
     run(work())
 

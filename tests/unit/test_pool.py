@@ -27,8 +27,8 @@ from gameopt_im.solver.pool import Counts, Pool
 from gameopt_im.solver.process import PoolError
 
 SOLVE = "pool_jobs:solve"
-SOON_S = 0.05
-"""Deadline for what will not come by it whatever the machine does."""
+SOON_S = 0.5
+"""Deadline for what will not come by it whatever the machine does, but has begun by then on a busy machine too."""
 AMPLE_S = 1.0
 """Deadline that an idle worker's echo meets on a busy machine too."""
 Test = Callable[["Pool[Any, Any]"], Awaitable[None]]

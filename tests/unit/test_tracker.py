@@ -89,13 +89,6 @@ def test_a_state_that_cannot_be_is_not_taken(changes: dict[str, Any], reason: st
     assert dict(vehicles.rejected) == {reason: 1}
 
 
-def test_one_vehicle_too_many_is_not_taken_in() -> None:
-    vehicles = tracker(max_vehicles=2)
-    reasons = [vehicles.ingest_state(state(name), 10.0) for name in ("a", "b", "c")]
-    assert reasons == [None, None, "overload"]
-    assert vehicles.ingest_state(state("a", 10.1), 10.1) is None
-
-
 def test_messages_are_read_and_counted_whatever_they_are() -> None:
     vehicles = tracker()
     good = raw_state(state("car/1"))

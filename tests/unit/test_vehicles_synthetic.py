@@ -6,6 +6,7 @@ import msgspec
 import pytest
 from builders import four_arm, movement
 
+from gameopt_vehicles import driving
 from gameopt_vehicles.agent import Agent
 from gameopt_vehicles.report import Measurements
 from gameopt_vehicles.synthetic import SyntheticRoad
@@ -68,6 +69,20 @@ def test_those_that_leave_are_replaced() -> None:
     assert crossed > 40
     assert figures.throughput_veh_min == pytest.approx(crossed)
     assert figures.time_to_goal_s.max == pytest.approx(11.0, abs=1.5)
+
+
+def test_whoever_appears_can_still_stop_where_the_map_wants_it_to_wait() -> None:
+    setback_m = 7.0
+    movements = [msgspec.structs.replace(each, setback_m=[setback_m] * len(MAP.footprints)) for each in MAP.movements]
+    road = SyntheticRoad(msgspec.structs.replace(MAP, movements=movements), 60, seed=1)
+    known: set[str] = set()
+    for _ in range(300):
+        for seen in road.step():
+            if seen.vehicle not in known:
+                assert driving.can_stop(seen, setback_m), seen
+                known.add(seen.vehicle)
+            road.set_speed(seen.vehicle, seen.speed_mps + 0.1)
+    assert len(known) > 100
 
 
 def test_the_same_seed_gives_the_same_traffic() -> None:

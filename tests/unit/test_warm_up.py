@@ -26,18 +26,20 @@ def compiled() -> dict[str, int]:
 
 @pytest.mark.slow
 def test_no_control_cycle_compiles() -> None:
-    async def traffic_of(count: int) -> None:
+    async def traffic_of(count: int, left_s: float | None) -> None:
         rehearsal = Rehearsal(OPTIONS.map, count)
         async with solver_of(OPTIONS) as solver:
             manager = Manager(OPTIONS, 1, solver)
             for cycle in range(1, 80):
-                outcome = await manager.control_cycle(cycle, cycle * STEP_S, rehearsal.messages(cycle * STEP_S))
+                messages = rehearsal.messages(cycle * STEP_S)
+                outcome = await manager.control_cycle(cycle, cycle * STEP_S, messages, left_s)
                 rehearsal.obey(outcome.commands)
 
     asyncio.run(warm_up(OPTIONS))
     before = compiled()
     for count in (1, 5, 60, 200):
-        asyncio.run(traffic_of(count))
+        asyncio.run(traffic_of(count, None))
+        asyncio.run(traffic_of(count, 0.0))
     assert compiled() == before
 
 

@@ -97,6 +97,7 @@ def outcome(**changes: Any) -> Outcome:
         order=["a"], granted=["b", "c"], refused=6, withdrawn=1, delay_s=0.0, elapsed_ms=4.0,
         stages_ms={"ingest": 0.3, "programs": 2.5}, qp_solved_total=0, qp_failed_total=0, qp_late_total=0,
         missed_total=11, received_total=200, rejected_total={"malformed": 13, "overflow": 17}, fallback=2, silent=1,
+        dropped_total=14, unsolved_total=3,
     )  # fmt: skip
     entry = LedgerEntry(vehicle="d", term=1, entered_s=0.1, cleared_s=0.2, price=0.5, bid=0.7)
     left = msgspec.structs.replace(entry, left_s=0.6)
@@ -121,6 +122,7 @@ def test_what_has_happened_is_scraped(loop: Callable[[], Any]) -> None:
             "control_cycles": 2, "missed_control_cycles": 11, "commands": 16, "received_messages": 200,
             "overflow_messages": 17, "bids": 25, "grants": 4, "refusals": 12, "withdrawals": 2, "crossings": 2,
             "fallback_vehicle_cycles": 4, "candidates": 8, "lost_workers": 1,
+            "dropped_candidates": 14, "unsolved_control_cycles": 3,
         }  # fmt: skip
         assert {name: found[f"gameopt_{name}_total"] for name in totals} == totals
         assert found["gameopt_rejected_messages_total{reason=malformed}"] == 13
@@ -139,7 +141,7 @@ def test_the_histograms_count_what_lies_on_or_below_each_bound() -> None:
             for elapsed_s in (0.5, 2.0):
                 vitals.cycle_begun()
                 hands.now_s += elapsed_s
-                vitals.cycle_done(outcome(stages_ms={"programs": 1e3 * elapsed_s}), 0)
+                vitals.cycle_done(outcome(stages_ms={"programs": 1e3 * elapsed_s}, whole_ms=1e3 * elapsed_s), 0)
             found = await visitor.scrape()
         for name, labels in (("", ""), ("_stage", "stage=programs")):
             of = f"gameopt_control_cycle{name}_seconds"

@@ -9,11 +9,12 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import NamedTuple, Self
 
 import zenoh
 
@@ -57,6 +58,13 @@ def configuration(endpoints: tuple[str, ...], file: Path | None) -> zenoh.Config
     return config
 
 
+class Received(NamedTuple):
+    """A message, and when it came, on the monotonic clock."""
+
+    at_s: float
+    payload: bytes
+
+
 class Bus:
     """An open session; use it as an asynchronous context, so that it is closed whatever happens."""
 
@@ -71,8 +79,8 @@ class Bus:
         # In lock-step a dropped message would stall both sides; under the wall clock a late one is worthless.
         self._congestion = zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP
         self.intersection = ""
-        self.commands: deque[bytes] = deque()
-        self.reports: deque[bytes] = deque()
+        self.commands: deque[Received] = deque()
+        self.reports: deque[Received] = deque()
         self.presence: deque[bool] = deque()
 
     @classmethod
@@ -159,9 +167,9 @@ class Bus:
                 raise NoManager(f"the manager's map cannot be read: {rejected}") from None
         return answers
 
-    def _into(self, queue: deque[bytes]) -> Callable[[zenoh.Sample], None]:
+    def _into(self, queue: deque[Received]) -> Callable[[zenoh.Sample], None]:
         def arrived(sample: zenoh.Sample) -> None:
-            queue.append(sample.payload.to_bytes())
+            queue.append(Received(time.monotonic(), sample.payload.to_bytes()))
             self._wake_loop()
 
         return arrived

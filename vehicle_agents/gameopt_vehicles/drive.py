@@ -120,7 +120,7 @@ async def _run(road: MeasuredRoad, bus: Bus, charter: Charter, options: Options,
         ratio=road.ratio,
     )
     report = assemble(setup, charter, road.measurements(options.warmup), fleet.tally, fleet.lost)
-    Console().print(summary(report, fleet.tally.late_steps))
+    Console().print(summary(report))
     if options.report is not None:
         try:
             options.report.write_bytes(report.to_json())

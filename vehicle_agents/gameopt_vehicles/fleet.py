@@ -61,6 +61,14 @@ class _Member(NamedTuple):
     bid_key: str
 
 
+class _Outgoing(NamedTuple):
+    """A message on its way out; `asks` is whose it is, and the control cycle, if a command is to answer it."""
+
+    key: str
+    payload: bytes
+    asks: tuple[str, int] | None = None
+
+
 class Fleet:
     """All agents on one road, on one bus that has joined the road's intersection."""
 
@@ -83,7 +91,7 @@ class Fleet:
         self._movements = {movement.id: movement for movement in road.map.movements}
         self._members: dict[str, _Member] = {}
         channel = (settings.loss, settings.delay_s, settings.jitter_s)
-        self._uplink: Faults[tuple[str, bytes]] = Faults([settings.seed, 0], *channel)
+        self._uplink: Faults[_Outgoing] = Faults([settings.seed, 0], *channel)
         self._downlink: Faults[Command] = Faults([settings.seed, 1], *channel)
         self._lost_in_warmup = 0
         self._now_s = 0.0
@@ -119,7 +127,7 @@ class Fleet:
             self._now_s = cycle / STEPS_PER_S
             self._mark = codec.step_mark(cycle) if self._lockstep else None
             observations = [seen for seen in self._road.step() if seen.controlled]
-            sent = self._speak(observations)
+            sent = self._speak(observations, cycle)
             if self._lockstep:
                 await self._answers(cycle, sent)
             else:
@@ -142,7 +150,7 @@ class Fleet:
     def _grid_point(self) -> int:
         return int(self._wall_s() * STEPS_PER_S + EARLY_STEPS)
 
-    def _speak(self, observations: Sequence[Observation]) -> int:
+    def _speak(self, observations: Sequence[Observation], cycle: int) -> int:
         """Publish every state and bid that is due; how many messages really went out."""
         push_s = self._clock_s()
         present = {seen.vehicle for seen in observations}
@@ -151,14 +159,16 @@ class Fleet:
         for seen in observations:
             member = self._members.get(seen.vehicle) or self._begin(seen)
             state = member.agent.observe(seen, self._now_s)
-            self._uplink.push(push_s, (member.state_key, codec.STATE.encode(state)))
+            self._uplink.push(push_s, _Outgoing(member.state_key, codec.STATE.encode(state), (seen.vehicle, cycle)))
             if (bid := member.agent.bid(self._now_s)) is not None:
-                self._uplink.push(push_s, (member.bid_key, codec.BID.encode(bid)))
+                self._uplink.push(push_s, _Outgoing(member.bid_key, codec.BID.encode(bid)))
         return self._send_due()
 
     def _send_due(self) -> int:
         due = self._uplink.due(self._clock_s())
-        for key, payload in due:
+        for key, payload, asks in due:
+            if asks is not None:
+                self.tally.round_trips.asked(*asks, time.monotonic())
             self._bus.put(key, payload, self._mark)
         self.tally.sent += len(due)
         return len(due)
@@ -198,20 +208,20 @@ class Fleet:
     def _hear(self, answering: int | None = None) -> None:
         """Read what has arrived, and whom the control cycle `answering` has answered."""
         while self._bus.commands:
-            payload = self._bus.commands.popleft()
+            at_s, payload = self._bus.commands.popleft()
             try:
                 command = codec.COMMAND.decode(payload)
             except codec.Rejected:
                 self.tally.rejected += 1
                 continue
-            self.tally.received += 1
+            self.tally.heard(command, at_s)
             if command.cycle == answering:
                 self._answered.add(command.vehicle)
             if command.vehicle in self._members:
                 self._batch.append(command)
         while self._bus.reports:
             try:
-                self._report = codec.CYCLE.decode(self._bus.reports.popleft())
+                self._report = codec.CYCLE.decode(self._bus.reports.popleft().payload)
             except codec.Rejected:
                 self.tally.rejected += 1
             else:
@@ -265,6 +275,7 @@ class Fleet:
 
     def _end(self, vehicle: str) -> None:
         del self._members[vehicle]
+        self.tally.round_trips.gone(vehicle)
         if not self._lockstep:
             self._bus.withdraw(vehicle)
 

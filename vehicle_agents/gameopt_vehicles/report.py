@@ -9,7 +9,8 @@ import msgspec
 import numpy as np
 from rich.table import Table
 
-from gameopt_vehicles.tally import Tally
+from gameopt_vehicles.round_trip import RoundTrip
+from gameopt_vehicles.tally import Tally, WholeWay
 from gameopt_wire import WIRE_VERSION
 from gameopt_wire.intersection import Charter
 
@@ -78,13 +79,18 @@ class Measurements(msgspec.Struct, kw_only=True):
 
 
 class ControlCycle(msgspec.Struct, kw_only=True):
-    """The manager's control cycles in the measuring window, by its own reports."""
+    """The manager's control cycles in the measuring window, by its own reports.
+
+    For want of time, `dropped` candidates were not tried, and `unsolved` control cycles went without programs.
+    """
 
     count: int
     missed: int
     p50_ms: float | None
     p99_ms: float | None
     max_ms: float | None
+    dropped: int = 0
+    unsolved: int = 0
 
 
 class Programs(msgspec.Struct, kw_only=True):
@@ -148,6 +154,9 @@ class Report(msgspec.Struct, kw_only=True):
     qp: Programs
     fallbacks: int
     messages: Messages
+    late_steps: int
+    round_trip: RoundTrip
+    whole_way: WholeWay
 
     def collided(self) -> bool:
         """Whether any count saw a collision, or a vehicle was teleported out of one."""
@@ -181,6 +190,8 @@ def assemble(run: Run, charter: Charter, measured: object, tally: Tally, lost: i
         control_cycle=ControlCycle(
             count=len(tally.elapsed_ms),
             missed=totals["missed_total"],
+            dropped=totals["dropped_total"],
+            unsolved=totals["unsolved_total"],
             p50_ms=p50,
             p99_ms=p99,
             max_ms=worst,
@@ -188,6 +199,9 @@ def assemble(run: Run, charter: Charter, measured: object, tally: Tally, lost: i
         qp=Programs(solved=totals["qp_solved_total"], failed=totals["qp_failed_total"], late=totals["qp_late_total"]),
         fallbacks=tally.fallbacks,
         messages=Messages(sent=tally.sent, received=tally.received, lost=lost, rejected=tally.rejected),
+        late_steps=tally.late_steps,
+        round_trip=tally.round_trips.summary(),
+        whole_way=tally.whole_way(),
     )
 
 
@@ -201,13 +215,14 @@ def _versions() -> dict[str, str]:
     return versions
 
 
-def summary(report: Report, late_steps: int) -> Table:
+def summary(report: Report) -> Table:
     """The report as a table to read."""
     table = Table(title=f"{report.scenario}: {report.method} at {report.intersection}", show_header=False)
     table.add_column(style="bold")
     table.add_column(justify="right")
     vehicles, goal, loss, safety = report.vehicles, report.time_to_goal_s, report.time_loss_s, report.safety
     cycle, qp, messages = report.control_cycle, report.qp, report.messages
+    trip, whole = report.round_trip, report.whole_way.whole
     rows = {
         "simulated, of which warm-up": f"{report.duration_s:g} s, {report.warmup_s:g} s ({report.clock})",
         "vehicles arrived / crossed": f"{_n(vehicles.arrived)} / {_n(vehicles.crossed)}",
@@ -220,8 +235,14 @@ def summary(report: Report, late_steps: int) -> Table:
         "least PET / hard brakes / teleports": (
             f"{_n(safety.min_pet_s)} s / {_n(safety.hard_brakes)} / {_n(safety.teleports)}"
         ),
-        "control cycles / missed / late steps": f"{cycle.count} / {cycle.missed} / {late_steps}",
+        "control cycles / missed / late steps": f"{cycle.count} / {cycle.missed} / {report.late_steps}",
         "control cycle, p50 / p99 / max": f"{_n(cycle.p50_ms)} / {_n(cycle.p99_ms)} / {_n(cycle.max_ms)} ms",
+        "candidates dropped / cycles without programs": f"{cycle.dropped} / {cycle.unsolved}",
+        "the whole way, p50 / p99 / max": (
+            f"{_n(whole.p50_ms)} / {_n(whole.p99_ms)} / {_n(whole.max_ms)} ms" if whole else _n(None)
+        ),
+        "round trip, p50 / p99 / max": f"{_n(trip.p50_ms)} / {_n(trip.p99_ms)} / {_n(trip.max_ms)} ms",
+        "states unanswered / commands lost": f"{trip.unanswered} / {report.whole_way.commands_lost}",
         "QPs solved / failed / late": f"{qp.solved} / {qp.failed} / {qp.late}",
         "fallbacks": str(report.fallbacks),
         "messages sent / received / lost / rejected": (

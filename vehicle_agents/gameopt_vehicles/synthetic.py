@@ -19,6 +19,8 @@ from gameopt_wire.messages import STEP_S
 EXIT_RANGE_M = 250.0
 """A vehicle leaves the road this far along its exit lane, or where that ends."""
 ENTRY_HEADWAY_S = 1.2
+ROOM_M = 2.0
+"""Nobody appears nearer than this to where it may have to stop; rule 1 asks for half of it."""
 # share, length m, width m, acceleration m/s^2, deceleration m/s^2; what SUMO gives these classes by default
 CLASSES: dict[str, tuple[float, float, float, float, float]] = {
     "passenger": (0.85, 5.0, 1.8, 2.6, 4.5),
@@ -127,10 +129,12 @@ class SyntheticRoad:
         for index, lane in enumerate(lanes):
             share = len(range(index, self._present, len(lanes)))
             zone_m = self.map.lanes[lane].zone_m
+            setbacks_m = [max(self.map.movements[each].setback_m, default=0.0) for each in self._movements_of[lane]]
+            queue_m = zone_m - max(setbacks_m)
             # A body and its standing gap need 10 m; what does not fit now enters later.
-            count = min(share, int(zone_m / 10.0))
+            count = min(share, int(queue_m / 10.0))
             for k in range(count):
-                self._place(lane, zone_m * (k + 1) / count)
+                self._place(lane, zone_m - queue_m * (count - 1 - k) / count)
 
     def _enter(self, lane: int) -> None:
         zone_m = self.map.lanes[lane].zone_m
@@ -153,12 +157,18 @@ class SyntheticRoad:
         _, length_m, width_m, accel, decel = CLASSES[kind]
         ahead = [c for c in self._on_approach(lane) if c.distance_m < distance_m]
         limit = self.map.lanes[lane].speed_limit_mps
-        speed = _entry_speed(self.map.lanes[lane], distance_m, decel, ahead)
+        room_m = distance_m - self._setback_m(index, length_m, width_m) - ROOM_M
+        speed = _entry_speed(self.map.lanes[lane], distance_m, room_m, decel, ahead)
         name = f"{kind}.{self._entered}"
         self._vehicles[name] = SyntheticVehicle(
             name, self.map.movements[index].id, distance_m, speed, length_m, width_m, kind,
             limit, accel, decel, index, self.time_s, target_mps=speed,
         )  # fmt: skip
+
+    def _setback_m(self, movement: int, length_m: float, width_m: float) -> float:
+        """How far short of the line the map wants it to wait."""
+        setbacks_m = self.map.movements[movement].setback_m
+        return setbacks_m[self.map.footprint_of(length_m, width_m)] if setbacks_m else 0.0
 
     def _look_ahead(self) -> None:
         """Every radar: the nearest rear ahead on the approach lane, then on the path and the exit lane."""
@@ -180,9 +190,9 @@ class SyntheticRoad:
                     car.leader_decel_mps2 = leader.max_decel_mps2
 
 
-def _entry_speed(lane: Lane, distance_m: float, decel: float, ahead: list[SyntheticVehicle]) -> float:
+def _entry_speed(lane: Lane, distance_m: float, room_m: float, decel: float, ahead: list[SyntheticVehicle]) -> float:
     """From v dt + v^2 / (2 b) <= room: the speed from which a vehicle can stop short of what is ahead."""
-    speed = min(lane.speed_limit_mps, motion.brake_speed(distance_m - 2.0, 0.0, decel, 2 * STEP_S, 0.0))
+    speed = min(lane.speed_limit_mps, motion.brake_speed(room_m, 0.0, decel, 2 * STEP_S, 0.0))
     if ahead:
         leader = max(ahead, key=lambda car: car.distance_m)
         gap_m = distance_m - leader.distance_m - leader.length_m - motion.REAR_GAP_M

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gameopt_im.core.kinematics import kernel
 from gameopt_im.core.parameters import Auction, VehicleClass
 from gameopt_im.core.snapshot import Floats
 
@@ -48,17 +49,31 @@ def features(s: Floats, v: Floats, waited: Floats, assertiveness: Floats, auctio
     T = c1 - tau with tau = s / max(v, v_min), clipped to [0, c1]; D = c2 - s, clipped to [0, c2]; W the time
     since zone entry; A the assertiveness. `s` in m (negative past the line), `v` in m/s, `waited` in s.
     """
-    c1, c2 = auction.time_bound_s, auction.distance_bound_m
-    tau = s / np.maximum(v, auction.min_speed_mps)
-    return np.stack(
-        [
-            np.clip(c1 - tau, 0.0, c1) / c1,
-            np.clip(c2 - s, 0.0, c2) / c2,
-            waited / auction.waiting_bound_s,
-            assertiveness / auction.assertiveness_bound,
-        ],
-        axis=1,
-    )
+    return _features(
+        s, v, waited, assertiveness, auction.time_bound_s, auction.distance_bound_m, auction.min_speed_mps,
+        auction.waiting_bound_s, auction.assertiveness_bound,
+    )  # fmt: skip
+
+
+@kernel
+def _features(
+    s: Floats,
+    v: Floats,
+    waited: Floats,
+    assertiveness: Floats,
+    c1: float,
+    c2: float,
+    slowest: float,
+    w: float,
+    a: float,
+) -> Floats:
+    out = np.empty((s.shape[0], 4))
+    for i in range(s.shape[0]):
+        tau = s[i] / max(v[i], slowest)
+        out[i, 0] = min(max(c1 - tau, 0.0), c1) / c1
+        out[i, 1] = min(max(c2 - s[i], 0.0), c2) / c2
+        out[i, 2], out[i, 3] = waited[i] / w, assertiveness[i] / a
+    return out
 
 
 def master_bids(features: Floats, weights: Sequence[Sequence[float]]) -> Floats:
@@ -66,10 +81,16 @@ def master_bids(features: Floats, weights: Sequence[Sequence[float]]) -> Floats:
 
     Summed currency by currency, not by a matrix product: its result may differ in the last bit by machine.
     """
-    omega = np.asarray(weights, dtype=np.float64).reshape(-1, features.shape[1])
-    bids = np.zeros((len(omega), len(features)))
-    for currency in range(features.shape[1]):
-        bids += omega[:, currency, None] * features[None, :, currency]
+    return _weighed(features, np.asarray(weights, dtype=np.float64).reshape(-1, features.shape[1]))
+
+
+@kernel
+def _weighed(features: Floats, omega: Floats) -> Floats:
+    bids = np.zeros((omega.shape[0], features.shape[0]))
+    for k in range(omega.shape[0]):
+        for i in range(features.shape[0]):
+            for currency in range(features.shape[1]):
+                bids[k, i] += omega[k, currency] * features[i, currency]
     return bids
 
 

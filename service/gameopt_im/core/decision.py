@@ -49,27 +49,61 @@ def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
     present = set(snapshot.ids)
     for vehicle in [each.vehicle for each in book.held.values() if each.vehicle not in present or not each.clearance]:
         book.free(vehicle)
-    row, rows = book.rows_of(snapshot.ids), book.rows
-    held, says = row >= 0, snapshot.accepted
-    taken = held & ~rows.accepted[row] & (says == rows.clearance[row])
-    accepted = held & (taken | rows.accepted[row])
-    movement, x = rows.movement[row], -snapshot.heard_s
-    left = accepted & (x - rows.length[row] >= ground.clear[movement]) & (x >= ground.length[movement])
-    may_drop = rows.withdrawn[row] | interlock.can_stop(snapshot, ground)
-    returned = accepted & ~left & (says == NONE) & may_drop
-    ended = (snapshot.cycle - rows.start[row] >= HORIZON - 2) & (snapshot.age <= 0.0)
-    expired = snapshot.time_s - snapshot.age > rows.expires_s[row] + 1e-6
-    lapsed = held & ~left & ~returned & np.where(accepted, ended, expired)
+    taken, end = _became(
+        book.rows_of(snapshot.ids), book.rows, snapshot.cycle, snapshot.time_s, snapshot.accepted, snapshot.heard_s,
+        snapshot.age, interlock.can_stop(snapshot, ground), ground.clear, ground.length,
+    )  # fmt: skip
 
     def of(mask: Bools) -> tuple[Reservation, ...]:
         return tuple(book.held[snapshot.ids[i]] for i in np.flatnonzero(mask))
 
-    settled = Settled(of(taken), of(lapsed), of(left), of(returned))
+    settled = Settled(of(taken), of(end == LAPSED), of(end == LEFT), of(end == RETURNED))
     for reservation in settled.accepted:
         book.accept(reservation.vehicle)
     for reservation in settled.lapsed + settled.left + settled.returned:
         book.free(reservation.vehicle)
     return settled
+
+
+STAYS, LAPSED, LEFT, RETURNED = range(4)
+"""What becomes of a reservation."""
+
+
+@kernel
+def _became(
+    row: Ints,
+    rows: Rows,
+    cycle: int,
+    time_s: float,
+    says: Ints,
+    s: Floats,
+    age: Floats,
+    able: Bools,
+    clear: Floats,
+    path: Floats,
+) -> tuple[Bools, Ints]:
+    """(n,) whose offer has been taken, and (n,) what becomes of each one's reservation."""
+    n = row.shape[0]
+    taken, end = np.zeros(n, np.bool_), np.full(n, STAYS)
+    for i in range(n):
+        r = row[i]
+        if r < 0:
+            continue
+        taken[i] = not rows.accepted[r] and says[i] == rows.clearance[r]
+        accepted = taken[i] or rows.accepted[r]
+        m, x = rows.movement[r], -s[i]
+        may_drop = rows.withdrawn[r] or able[i]
+        if accepted and x - rows.length[r] >= clear[m] and x >= path[m]:
+            end[i] = LEFT
+        elif accepted and says[i] == NONE and may_drop:
+            end[i] = RETURNED
+        elif accepted:
+            ended = cycle - rows.start[r] >= HORIZON - 2 and age[i] <= 0.0
+            end[i] = LAPSED if ended else STAYS
+        else:
+            expired = time_s - age[i] > rows.expires_s[r] + 1e-6
+            end[i] = LAPSED if expired else STAYS
+    return taken, end
 
 
 @dataclass(frozen=True, slots=True)

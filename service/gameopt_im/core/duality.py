@@ -4,32 +4,65 @@ from __future__ import annotations
 
 import numpy as np
 
-from gameopt_im.core.corridor import Bounds
-from gameopt_im.core.horizon import HorizonRules, HorizonTask, cost, way_matrix
-from gameopt_im.core.kinematics import kernel
-from gameopt_im.core.snapshot import Floats, Ints
+from gameopt_im.core.corridor import bounds_of
+from gameopt_im.core.horizon import HorizonRules, HorizonTask, cost, lengths, mean_speeds
+from gameopt_im.core.kinematics import Manner, kernel
+from gameopt_im.core.snapshot import Bools, Floats, Ints
 
 FAR_MPS = 1e4
 """A bound this far off is none, m/s."""
 
 
-def least_objective(task: HorizonTask, rules: HorizonRules, given: Bounds, duals: Floats, play: float) -> float:
-    """A bound from below on J over all u that keep to `given` but for `play` (m/s) a row.
+def least_objectives(task: HorizonTask, rules: HorizonRules, slots: Floats, duals: Floats, play: float) -> Floats:
+    """(C,) bounds from below on J of candidates with these `slots` (C, n), if they keep to their rows but for `play`.
 
     By weak duality any multipliers (n, 4, H) give one, and those of a candidate with slots much alike a close one.
+    `play` in m/s.
     """
-    data, q = cost(task, rules)
-    way = way_matrix(rules.blocks) / np.cumsum(rules.blocks)[:, None]
-    fast, steady = rules.trade_off * task.ps, (1.0 - rules.trade_off) * task.pv
-    constant = np.sum(len(rules.blocks) * fast * task.top**2 + steady * task.v**2)
-    counts = np.array(task.counts)
-    dual = _dual_value(counts, data, q, way, given.lower - play, given.upper + play, duals)
-    return max(0.0, float(constant + dual))
+    h = len(rules.blocks)
+    data, q = cost(task.ps, task.pv, task.top, task.v, rules.trade_off, h)
+    constant = np.sum(h * rules.trade_off * task.ps * task.top**2 + (1.0 - rules.trade_off) * task.pv * task.v**2)
+    duals_fit = _dual_values(
+        task.s, task.v, task.length, task.a, task.b, task.top, task.line_cap, task.room, task.trails, slots,
+        lengths(rules.blocks), rules.manner, rules.rear_gap, np.array(task.counts), data, q,
+        mean_speeds(rules.blocks), play, duals,
+    )  # fmt: skip
+    return np.maximum(0.0, constant + duals_fit)
+
+
+@kernel
+def _dual_values(
+    s: Floats,
+    v: Floats,
+    length: Floats,
+    a: Floats,
+    b: Floats,
+    top: Floats,
+    cap: Floats,
+    room: Floats,
+    trails: Bools,
+    slots: Floats,
+    blocks: Floats,
+    manner: Manner,
+    rear_gap: float,
+    counts: Ints,
+    data: Floats,
+    q: Floats,
+    way: Floats,
+    play: float,
+    duals: Floats,
+) -> Floats:
+    """(C,) the dual function of every candidate, each with its own bounds."""
+    values = np.empty(slots.shape[0])
+    for c in range(slots.shape[0]):
+        given = bounds_of(s, v, length, a, b, top, cap, room, trails, slots[c], blocks, manner, rear_gap)
+        values[c] = _dual_value(counts, data, q, way, given.lower, given.upper, play, duals)
+    return values
 
 
 @kernel
 def _dual_value(
-    counts: Ints, data: Floats, q: Floats, way: Floats, lower: Floats, upper: Floats, duals: Floats
+    counts: Ints, data: Floats, q: Floats, way: Floats, lower: Floats, upper: Floats, play: float, duals: Floats
 ) -> float:
     """The dual function -1/2 r'P^-1 r - sum (u y+ - l y-) with r = q + A'y, at the y of these duals that fit.
 
@@ -43,7 +76,7 @@ def _dual_value(
     for i in range(n):
         for kind in range(4):
             for k in range(h):
-                bound = upper[i, kind, k] if y[i, kind, k] > 0.0 else lower[i, kind, k]
+                bound = upper[i, kind, k] + play if y[i, kind, k] > 0.0 else lower[i, kind, k] - play
                 if abs(bound) > FAR_MPS:
                     y[i, kind, k] = 0.0
                 else:

@@ -24,8 +24,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from gameopt_im.core.corridor import Bounds, bounds_of
-from gameopt_im.core.kinematics import Manner
+from gameopt_im.core.corridor import bounds_of
+from gameopt_im.core.kinematics import Manner, kernel
 from gameopt_im.core.program import QP, Csc
 from gameopt_im.core.snapshot import Bools, Floats, Ints
 from gameopt_wire.messages import STEP_S
@@ -104,10 +104,22 @@ def way_matrix(blocks: tuple[float, ...]) -> Floats:
 
 
 @lru_cache(maxsize=512)
+def lengths(blocks: tuple[float, ...]) -> Floats:
+    """(H,) as an array; not to be written to."""
+    return np.array(blocks)
+
+
+@lru_cache(maxsize=512)
+def mean_speeds(blocks: tuple[float, ...]) -> Floats:
+    """(H, H): `way_matrix` over the time it takes: the mean speeds by the ends of the blocks. Not to be written to."""
+    return np.asarray(way_matrix(blocks) / np.cumsum(blocks)[:, None])
+
+
+@lru_cache(maxsize=512)
 def rows(n: int, blocks: tuple[float, ...]) -> Csc:
     """A of a platoon of n: corridor, speed and acceleration rows of every vehicle, then the rear-end rows."""
     h = len(blocks)
-    way = sp.csr_matrix(way_matrix(blocks) / np.cumsum(blocks)[:, None])
+    way = sp.csr_matrix(mean_speeds(blocks))
     change = sp.csr_matrix(np.eye(h) - np.eye(h, k=-1))
     parts = [sp.kron(sp.eye(n), way), sp.eye(n * h), sp.kron(sp.eye(n), change)]
     if n > 1:
@@ -131,68 +143,117 @@ def _cost_pattern(n: int, h: int) -> Csc:
     return _compact(pattern)
 
 
-def cost(task: HorizonTask, rules: HorizonRules) -> tuple[Floats, Floats]:
+@kernel
+def cost(ps: Floats, pv: Floats, top: Floats, v: Floats, trade_off: float, h: int) -> tuple[Floats, Floats]:
     """(data of P's upper triangle (n, 2 H - 1), q (n, H)) of 1/2 u'Pu + q'u: `eq:J2` over the horizon.
 
-    Its constant is left out.
+    Its constant is left out. By columns: d_1, then (-steady, d_k) for k > 1.
     """
-    n, h = len(task.s), len(rules.blocks)
-    fast = 2.0 * rules.trade_off * task.ps
-    steady = 2.0 * (1.0 - rules.trade_off) * task.pv
-    diagonal = np.repeat((fast + 2.0 * steady)[:, None], h, axis=1)
-    diagonal[:, -1] -= steady
-    data = np.empty((n, 2 * h - 1))  # column order: d_1, then (-steady, d_k) for k > 1
-    data[:, 0] = diagonal[:, 0]
-    data[:, 1::2] = -steady[:, None]
-    data[:, 2::2] = diagonal[:, 1:]
-    q = np.repeat((-fast * task.top)[:, None], h, axis=1)
-    q[:, 0] -= steady * task.v
+    n = ps.shape[0]
+    data, q = np.empty((n, 2 * h - 1)), np.empty((n, h))
+    for i in range(n):
+        fast, steady = 2.0 * trade_off * ps[i], 2.0 * (1.0 - trade_off) * pv[i]
+        for k in range(h):
+            data[i, 2 * k] = fast + 2.0 * steady if k + 1 < h else fast + steady
+            if k > 0:
+                data[i, 2 * k - 1] = -steady
+            q[i, k] = -fast * top[i]
+        q[i, 0] -= steady * v[i]
     return data, q
 
 
-def bounds(task: HorizonTask, rules: HorizonRules, slot: Floats) -> Bounds:
-    """The bounds of one candidate."""
-    return bounds_of(
+def build(task: HorizonTask, rules: HorizonRules, slot: Floats, start: Start | None = None) -> Floats:
+    """(n, 17 H - 1) the programs of one candidate, one after the other, since its platoons share no row.
+
+    Side by side: P's data, q, l and u of the four kinds of row, the speeds and the multipliers to start from, which
+    are the reference and 0 where none are given. One array goes to a worker several times as fast as six.
+    """
+    given = bounds_of(
         task.s, task.v, task.length, task.a, task.b, task.top, task.line_cap, task.room, task.trails, slot,
-        np.array(rules.blocks), rules.manner, rules.rear_gap,
+        lengths(rules.blocks), rules.manner, rules.rear_gap,
     )  # fmt: skip
+    h = len(rules.blocks)
+    data, q = cost(task.ps, task.pv, task.top, task.v, rules.trade_off, h)
+    if start is None:
+        start = Start(given.reference, np.zeros_like(given.lower))
+    return _side_by_side(data, q, given.lower, given.upper, given.reference, start.u, start.duals)
 
 
-class Platoon(NamedTuple):
-    """The values of the program of m vehicles, or of several programs one after the other: P's data (m, 2 H - 1),
-    q (m, H), l and u (m, 4, H); and the reference, which they hold, as a warm start (m, H)."""
-
-    cost: Floats
-    q: Floats
-    lower: Floats
-    upper: Floats
-    reference: Floats
-
-    def program(self, blocks: tuple[float, ...]) -> QP:
-        """The program; all of one size have the same A."""
-        count, h = self.q.shape
-        pattern = _cost_pattern(count, h)
-        p = Csc(pattern.shape, self.cost.ravel(), pattern.indices, pattern.indptr)
-        return QP(p, self.q.ravel(), rows(count, blocks), in_rows(self.lower), in_rows(self.upper))
-
-
-def build(task: HorizonTask, rules: HorizonRules, slot: Floats) -> Platoon:
-    """The programs of one candidate, one after the other: its platoons share no row."""
-    given = bounds(task, rules, slot)
-    return Platoon(*cost(task, rules), given.lower, given.upper, given.reference)
+@kernel
+def _side_by_side(
+    data: Floats, q: Floats, lower: Floats, upper: Floats, reference: Floats, u: Floats, duals: Floats
+) -> Floats:
+    n, h = q.shape
+    values = np.empty((n, 17 * h - 1))
+    for i in range(n):
+        at = 2 * h - 1
+        values[i, :at] = data[i]
+        for k in range(h):
+            values[i, at + k] = q[i, k]
+            values[i, at + 9 * h + k] = reference[i, k] if np.isnan(u[i, k]) else u[i, k]
+            for kind in range(4):
+                row = at + h + kind * h + k
+                values[i, row], values[i, row + 4 * h] = lower[i, kind, k], upper[i, kind, k]
+                values[i, row + 9 * h] = duals[i, kind, k]
+    return values
 
 
-def in_rows(values: Floats) -> Floats:
-    """(m,) a platoon's (n, 4, H) values in the order of `rows`."""
-    return np.concatenate([*(values[:, kind].ravel() for kind in range(3)), values[1:, 3].ravel()])
+class Programmed(NamedTuple):
+    """A platoon's program, and where to start: x (n * H,) and y (m,)."""
+
+    qp: QP
+    x: Floats
+    y: Floats
 
 
-def by_vehicle(values: Floats, n: int) -> Floats:
-    """The inverse of `in_rows`: (n, 4, H), with 0 for the row that the first does not have."""
-    h = len(values) // (4 * n - 1)
+def program(values: Floats, blocks: tuple[float, ...], scale: float = 1.0) -> Programmed:
+    """The program of a platoon with these rows of `build`, its cost and multipliers times `scale`.
+
+    All of one size have the same A.
+    """
+    count, h = len(values), len(blocks)
+    pattern = _cost_pattern(count, h)
+    data, q, lower, upper, x, y = _in_rows(values, h, scale)
+    return Programmed(
+        QP(Csc(pattern.shape, data, pattern.indices, pattern.indptr), q, rows(count, blocks), lower, upper), x, y
+    )
+
+
+@kernel
+def _in_rows(values: Floats, h: int, scale: float) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
+    """What `build` put side by side, in the order of `rows`: kind by kind, of the last all but the first vehicle's."""
+    n = values.shape[0]
+    data, q, x = np.empty(n * (2 * h - 1)), np.empty(n * h), np.empty(n * h)
+    lower, upper, y = np.empty((4 * n - 1) * h), np.empty((4 * n - 1) * h), np.empty((4 * n - 1) * h)
+    at = 2 * h - 1
+    for i in range(n):
+        for k in range(at):
+            data[i * at + k] = scale * values[i, k]
+        for k in range(h):
+            q[i * h + k] = scale * values[i, at + k]
+            x[i * h + k] = values[i, at + 9 * h + k]
+            for kind in range(4 if i > 0 else 3):
+                row, column = row_of(n, h, i, kind, k), at + h + kind * h + k
+                lower[row], upper[row] = values[i, column], values[i, column + 4 * h]
+                y[row] = scale * values[i, column + 9 * h]
+    return data, q, lower, upper, x, y
+
+
+@kernel
+def row_of(n: int, h: int, i: int, kind: int, k: int) -> int:
+    """The row of `rows` of vehicle i, a kind, and a block; the first has none of the last kind."""
+    return ((kind * n + i) if kind < 3 else 3 * n + i - 1) * h + k
+
+
+@kernel
+def by_vehicle(values: Floats, n: int, scale: float) -> Floats:
+    """(n, 4, H): what is in the order of `rows` over `scale`, 0 for the rows that the first does not have."""
+    h = values.shape[0] // (4 * n - 1)
     out = np.zeros((n, 4, h))
-    out[:, :3] = values[: 3 * n * h].reshape(3, n, h).swapaxes(0, 1)
-    out[1:, 3] = values[3 * n * h :].reshape(n - 1, h)
+    for i in range(n):
+        for kind in range(4 if i > 0 else 3):
+            for k in range(h):
+                out[i, kind, k] = values[row_of(n, h, i, kind, k)] / scale
     return out
 
 

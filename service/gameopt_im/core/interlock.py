@@ -14,6 +14,7 @@ import numpy as np
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.diverging import spans
 from gameopt_im.core.kinematics import NEVER, kernel
+from gameopt_im.core.leaders import exit_leaders, follow_limit, lane_leaders, nearest
 from gameopt_im.core.parameters import Exit
 from gameopt_im.core.profiles import RULE_TOLERANCE_MPS
 from gameopt_im.core.reservations import Book, held_in
@@ -55,106 +56,42 @@ def phases(snapshot: Snapshot, ground: Ground, book: Book) -> Ints:
     clearance, and who was not yet past the conflict zone may still be held up in it. A vehicle on the clearance of a
     manager before this one will cross, whatever it is told: it intrudes from now on.
     """
-    x = -snapshot.heard_s
-    clear = x - snapshot.length >= ground.clear[snapshot.movement] - 1e-6
-    over = (x >= ground.length[snapshot.movement]) & clear
-    phase = np.where(over, EXITING, UNCLEARED)
-    phase[(phase == UNCLEARED) & (~can_stop(snapshot, ground) | (snapshot.accepted == FOREIGN))] = INTRUDING
-    phase[held_in(book.rows_of(snapshot.ids), book.rows.accepted) & ~over] = CLEARED
+    accepted = held_in(book.rows_of(snapshot.ids), book.rows.accepted)
+    return _phases(
+        snapshot.heard_s, snapshot.length, snapshot.accepted, snapshot.movement, accepted, can_stop(snapshot, ground),
+        ground.length, ground.clear,
+    )  # fmt: skip
+
+
+@kernel
+def _phases(
+    s: Floats, length: Floats, says: Ints, movement: Ints, accepted: Bools, able: Bools, path: Floats, clear: Floats
+) -> Ints:
+    phase = np.empty(s.shape[0], np.int64)
+    for i in range(s.shape[0]):
+        x = -s[i]
+        if x >= path[movement[i]] and x - length[i] >= clear[movement[i]] - 1e-6:
+            phase[i] = EXITING
+        elif accepted[i]:
+            phase[i] = CLEARED
+        else:
+            phase[i] = UNCLEARED if able[i] and says[i] != FOREIGN else INTRUDING
     return phase
 
 
 def can_stop(snapshot: Snapshot, ground: Ground) -> Bools:
     """Who could stop before its line by what was heard. Rule 1's tolerance lets a vehicle ride its curve exactly."""
     setback = ground.setback[snapshot.movement, snapshot.footprint]
-    room = snapshot.heard_s - setback - motion.STOP_OFFSET_M + 0.05
-    stopping = 0.5 * snapshot.heard_v**2 / snapshot.b_max
-    return np.asarray((stopping <= np.maximum(room, 0.0) + 1e-6) & (snapshot.heard_s >= setback))
+    return _can_stop(snapshot.heard_s, snapshot.heard_v, snapshot.b_max, setback)
 
 
 @kernel
-def lane_leaders(
-    lane: Ints, movement: Ints, x: Floats, worst_x: Floats, length: Floats, apart: Floats, rank: Ints
-) -> Ints:
-    """(n, R): the next vehicle ahead of each on its own approach lane, across the line and beyond; -1 for none.
-
-    One for each of the R movements that a lane may have: `rank` is a movement's column. Whose rear is past where its
-    movement parts from the follower's (`apart`) leads it no more. Ahead is who is so even where it may be at worst:
-    who is silent must not be taken to have overtaken.
-    """
-    leader = np.full((x.shape[0], rank.max() + 1), -1, np.int64)
-    together, since = by_group(lane)
-    for g in range(since.shape[0] - 1):
-        lane_mates = together[since[g] : since[g + 1]]
-        for i in lane_mates:
-            for j in lane_mates:
-                ahead = worst_x[j] > x[i] or (worst_x[j] == x[i] and j < i)
-                parted = worst_x[j] - length[j] >= apart[movement[i], movement[j]]
-                if j == i or not ahead or parted:
-                    continue
-                r = rank[movement[j]]
-                if leader[i, r] < 0 or worst_x[j] < worst_x[leader[i, r]]:
-                    leader[i, r] = j
-    return leader
-
-
-@kernel
-def by_group(group: Ints) -> tuple[Ints, Ints]:
-    """(n,) the indices of n members by their group's number, and where each group begins in them, and the end."""
-    together = np.argsort(group, kind="mergesort")
-    names = group[together]
-    changes = np.flatnonzero(names[1:] != names[:-1]) + 1
-    return together, np.concatenate((np.array([0]), changes, np.array([together.shape[0]])))
-
-
-@kernel
-def nearest(leaders: Ints, x: Floats) -> Ints:
-    """(n,): the nearest of several leaders, -1 where there is none."""
-    first = np.full(leaders.shape[0], -1, np.int64)
-    for i in range(leaders.shape[0]):
-        for j in leaders[i]:
-            if j >= 0 and (first[i] < 0 or x[j] < x[first[i]]):
-                first[i] = j
-    return first
-
-
-@kernel
-def exit_leaders(exit_lane: Ints, along: Floats, worst: Floats) -> Ints:
-    """The next vehicle ahead of each on its exit lane, from whatever lane it came; -1 for none.
-
-    `along` is the front's distance past the start of the exit lane, `worst` the same at worst; only leaders surely
-    on it (worst >= 0) count.
-    """
-    leader = np.full(along.shape[0], -1, np.int64)
-    together, since = by_group(exit_lane)
-    for g in range(since.shape[0] - 1):
-        bound_alike = together[since[g] : since[g + 1]]
-        for i in bound_alike:
-            for j in bound_alike:
-                if j == i or worst[j] < 0.0 or worst[j] <= along[i]:
-                    continue
-                if leader[i] < 0 or worst[j] < worst[leader[i]]:
-                    leader[i] = j
-    return leader
-
-
-@kernel
-def follow_limit(
-    x: Floats, v: Floats, length: Floats, b: Floats, worst_x: Floats, worst_v: Floats, leader: Ints, offset: Floats
-) -> Floats:
-    """Rule 2 for each vehicle behind `leader`, m/s; NEVER without one.
-
-    `x + offset` are positions on a common path; a leader counts as where it may be at worst.
-    """
-    n = x.shape[0]
-    out = np.full(n, NEVER)
-    for i in range(n):
-        j = leader[i]
-        if j < 0:
-            continue
-        gap = worst_x[j] + offset[j] - length[j] - motion.REAR_GAP_M - x[i] - offset[i]
-        out[i] = motion.follow_speed(gap, v[i], b[i], worst_v[j], b[j], STEP_S)
-    return out
+def _can_stop(s: Floats, v: Floats, b: Floats, setback: Floats) -> Bools:
+    able = np.empty(s.shape[0], np.bool_)
+    for i in range(s.shape[0]):
+        room = s[i] - setback[i] - motion.STOP_OFFSET_M + 0.05
+        able[i] = 0.5 * v[i] ** 2 / b[i] <= max(room, 0.0) + 1e-6 and s[i] >= setback[i]
+    return able
 
 
 def at_worst(snapshot: Snapshot, ground: Ground, book: Book, phase: Ints, limits: Exit) -> tuple[Floats, Floats]:
@@ -194,14 +131,35 @@ def unheard(snapshot: Snapshot, ground: Ground, leader: Ints, downstream: Ints, 
     The states of that one may all be lost, so it has no clearance, and whoever is behind it cannot cross. In between
     would be at the least a standing gap; a leader may also have moved on since the follower spoke.
     """
-    line: Floats = np.zeros(len(snapshot))
-    own = ground.length[snapshot.movement]
-    known = line.copy()
-    for ahead, shifted in ((leader, line), (downstream, own)):
-        rear = best_x[ahead] - snapshot.length[ahead] - shifted[ahead] + shifted
-        moved = snapshot.v[ahead] * snapshot.age
-        known = np.where(ahead >= 0, np.minimum(known, rear - moved), known)
-    return np.asarray(snapshot.gap - snapshot.heard_s + motion.REAR_GAP_M < known)
+    return _unheard(
+        snapshot.gap, snapshot.heard_s, snapshot.v, snapshot.length, snapshot.age, leader, downstream, best_x,
+        ground.length[snapshot.movement],
+    )  # fmt: skip
+
+
+@kernel
+def _unheard(
+    gap: Floats,
+    s: Floats,
+    v: Floats,
+    length: Floats,
+    age: Floats,
+    leader: Ints,
+    downstream: Ints,
+    best_x: Floats,
+    path: Floats,
+) -> Bools:
+    out = np.empty(s.shape[0], np.bool_)
+    for i in range(s.shape[0]):
+        known = 0.0  # where the rear of the nearest that is known may have been, past the line
+        j = leader[i]
+        if j >= 0:
+            known = min(known, best_x[j] - length[j] - v[j] * age[i])
+        j = downstream[i]
+        if j >= 0:
+            known = min(known, best_x[j] - length[j] - path[j] + path[i] - v[j] * age[i])
+        out[i] = gap[i] - s[i] + motion.REAR_GAP_M < known
+    return out
 
 
 def _slowed(x: float, v: float, b: float, slowest: float, time: float) -> tuple[float, float]:
@@ -213,15 +171,37 @@ def _slowed(x: float, v: float, b: float, slowest: float, time: float) -> tuple[
 
 def exit_law(snapshot: Snapshot, leader: Ints, along: Floats, limits: Exit, exit_mps: Floats) -> Floats:
     """Speed that opens the headway to the leader on the exit, m/s: gently, and never to a crawl by itself."""
-    led, v = leader >= 0, snapshot.v
-    gap = along[leader] - snapshot.length[leader] - along - motion.REAR_GAP_M
-    opening = v[leader] + (gap - limits.headway_s * v) / OPENING_TIME_S
-    slowest = v + snapshot.a_max * snapshot.age - limits.decel_mps2 * STEP_S
-    return np.where(led, np.maximum(np.maximum(opening, slowest), motion.OPENING_FLOOR * exit_mps), NEVER)
+    return _opening(
+        snapshot.v, snapshot.a_max, snapshot.length, snapshot.age, leader, along, limits.headway_s, limits.decel_mps2,
+        exit_mps,
+    )  # fmt: skip
 
 
 OPENING_TIME_S = 8.0
 """A missing metre of headway is opened over this long, s."""
+
+
+@kernel
+def _opening(
+    v: Floats,
+    a: Floats,
+    length: Floats,
+    age: Floats,
+    leader: Ints,
+    along: Floats,
+    headway_s: float,
+    decel: float,
+    exit_mps: Floats,
+) -> Floats:
+    out = np.full(v.shape[0], NEVER)
+    for i in range(v.shape[0]):
+        j = leader[i]
+        if j >= 0:
+            gap = along[j] - length[j] - along[i] - motion.REAR_GAP_M
+            opening = v[j] + (gap - headway_s * v[i]) / OPENING_TIME_S
+            slowest = v[i] + a[i] * age[i] - decel * STEP_S
+            out[i] = max(opening, slowest, motion.OPENING_FLOOR * exit_mps[i])
+    return out
 
 
 def limits(snapshot: Snapshot, ground: Ground, book: Book, exit_parameters: Exit) -> Limits:

@@ -233,8 +233,12 @@ class Service(Section, frozen=True, kw_only=True):
 
     collect_s: Annotated[
         float,
-        Meta(ge=0, le=0.08, description="wall clock: time after the grid point that states are waited for (s)"),
+        Meta(ge=0, le=0.08, description="wall clock: longest time after the grid point that states are waited for (s)"),
     ] = 0.02
+    budget_s: Annotated[
+        float,
+        Meta(gt=0, le=0.1, description="wall clock: time of a control cycle that candidates have to fit into (s)"),
+    ] = 0.06
     command_valid_s: Annotated[
         float, Meta(ge=0.1, le=5, description="how long a command holds without a fresh one (s)")
     ] = 0.5
@@ -245,7 +249,7 @@ class Service(Section, frozen=True, kw_only=True):
         float,
         Meta(ge=1, le=600, description="longest a silent vehicle blocks the ground it may stand on (s)"),
     ] = 30.0
-    max_vehicles: Annotated[int, Meta(ge=1, le=100_000, description="more vehicles than this are not taken in")] = 2000
+    max_vehicles: Annotated[int, Meta(ge=1, le=100_000, description="more vehicles than this are not taken in")] = 1000
 
 
 class Parameters(Section, frozen=True, kw_only=True):

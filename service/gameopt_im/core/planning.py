@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +14,11 @@ from gameopt_im.core.dispatch import schedules, slots_of
 from gameopt_im.core.horizon import HorizonRules, HorizonTask, platoons
 from gameopt_im.core.interlock import UNCLEARED, Limits
 from gameopt_im.core.kinematics import NEVER, kernel, manner_of
+from gameopt_im.core.lanes import floors_behind, lane_by_lane, room_behind_leaders
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.reservations import Book, Stack, blocked_windows
 from gameopt_im.core.slots import Demand, Rules, weighted_delay
 from gameopt_im.core.snapshot import Floats, Ints, Snapshot
-from gameopt_im.core.windows import HORIZON, time_at
-from gameopt_wire import motion
-from gameopt_wire.messages import STEP_S
 
 INCUMBENT = -1
 """In place of a weight vector's number."""
@@ -42,6 +40,10 @@ class Bidders:
     def __len__(self) -> int:
         return len(self.index)
 
+    def tried(self, candidates: int) -> Bidders:
+        """With the bids of the first weight vectors only, or of none."""
+        return replace(self, bids=self.bids[:candidates])
+
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
@@ -61,11 +63,8 @@ def bidders(
     snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, parameters: Parameters, candidates: int
 ) -> Bidders:
     """Who takes part in this control cycle's auction, and with which bids."""
-    row = book.rows_of(snapshot.ids)
-    index = np.flatnonzero((limits.phase == UNCLEARED) & (row < 0) & ~snapshot.silent)
-    size = np.bincount(snapshot.lane[index])
-    lane = snapshot.lane[index]
-    index = index[np.lexsort((snapshot.s[index], lane, -size[lane]))]
+    unplanned = (limits.phase == UNCLEARED) & (book.rows_of(snapshot.ids) < 0) & ~snapshot.silent
+    index, counts = lane_by_lane(unplanned, snapshot.lane, snapshot.s)
     settings = parameters.auction
     group = groups(snapshot.movement[index], ground.conflict)
     features = bids.features(
@@ -79,7 +78,7 @@ def bidders(
     if len(index):
         lines = auction.queues(snapshot.lane[index], snapshot.s[index], index)
         master = auction.with_transfers(master, lines, group, settings.slot_value_ratio, settings.transfer_share)
-    return Bidders(index, tuple(sorted(size[size > 0].tolist(), reverse=True)), master, group)
+    return Bidders(index, tuple(counts.tolist()), master, group)
 
 
 def demand(
@@ -131,22 +130,15 @@ def _queue(counts: tuple[int, ...]) -> Ints:
 
 def _floors(snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, parameters: Parameters) -> Floats:
     """(lanes,) earliest slot of each lane's first bidder, behind the cleared vehicle ahead of it, s."""
-    floors = np.full(len(who.counts), -NEVER)
-    head = 0
-    for lane, count in enumerate(who.counts):
-        i = who.index[head]
-        j = int(limits.leader[i])
-        reservation = book.held.get(snapshot.ids[j]) if j >= 0 else None
-        if reservation is not None and reservation.clearance:
-            cross = reservation.crosses(snapshot.cycle)
-            first = reservation.step(snapshot.cycle)
-            back = reservation.length + motion.REAR_GAP_M
-            passed = float(time_at(reservation.x, first, back))
-            speed = back / max(passed - cross, 0.05) if cross > 0.0 else float(reservation.v[first])
-            brake = max(0.0, 0.5 * speed * (1.0 / snapshot.b_max[i] - 1.0 / reservation.b))
-            floors[lane] = passed + parameters.planner.headway_s + brake
-        head += count
-    return floors
+    return floors_behind(
+        who.index[first_rows(who)], limits.leader, book.rows_of(snapshot.ids), book.rows, snapshot.cycle,
+        snapshot.b_max, parameters.planner.headway_s,
+    )  # fmt: skip
+
+
+def first_rows(who: Bidders) -> Ints:
+    """(lanes,) the row of the first bidder of each lane."""
+    return np.asarray(np.cumsum((0, *who.counts))[:-1])
 
 
 def rules_of(parameters: Parameters) -> Rules:
@@ -194,6 +186,8 @@ def candidates(
 def _schedules(problem: Demand, seconds: Floats, given: Ints, parameters: Parameters) -> tuple[Ints, Floats, Floats]:
     """(orders, slots, line speeds): of the given order first, then by `auction.order` on bids (K, n) in seconds."""
     rule, rules = parameters.auction.order, rules_of(parameters)
+    if not len(seconds):
+        return given[None], *slots_of(problem, rules, given[None])
     if rule == "dispatch":
         return schedules(problem, rules, seconds, given)
     lines = auction.queues(problem.lane, problem.s, problem.arrival)
@@ -268,19 +262,11 @@ def horizon_task(
     """What the horizon programs of all candidates share."""
     ends = np.cumsum(parameters.program.blocks_s)
     room = np.full((len(who), len(ends)), NEVER)
-    after = np.round(ends / STEP_S).astype(np.int64)
-    head = 0
-    for count in who.counts:
-        i = who.index[head]
-        j = int(limits.leader[i])
-        if j >= 0:
-            reservation = book.held.get(snapshot.ids[j])
-            if reservation is None or not reservation.clearance:
-                ahead = -snapshot.s[j] + snapshot.v[j] * ends
-            else:
-                ahead = reservation.x[np.minimum(reservation.step(snapshot.cycle) + after, HORIZON - 1)]
-            room[head] = ahead - snapshot.length[j] - parameters.program.rear_gap_m + snapshot.s[i]
-        head += count
+    first = first_rows(who)
+    room[first] = room_behind_leaders(
+        who.index[first], limits.leader, book.rows_of(snapshot.ids), book.rows, snapshot.cycle, snapshot.s,
+        snapshot.v, snapshot.length, parameters.program.rear_gap_m, ends,
+    )  # fmt: skip
     counts, trails = platoons(who.counts)
     return HorizonTask(
         counts=counts,

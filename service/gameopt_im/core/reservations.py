@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -111,10 +110,13 @@ class Book:
     held: dict[str, Reservation] = field(default_factory=dict)
     row: dict[str, int] = field(default_factory=dict)
     rows: Rows = field(default_factory=lambda: _rows(64))
+    _asked: tuple[tuple[str, ...], Ints] | None = None
+    """Whose rows were asked for last, and they; None since rows changed hands."""
 
     def add(self, reservation: Reservation) -> None:
         """Enter a reservation; its windows have been checked against every other in the book."""
         self.make_room(1)
+        self._asked = None
         row = self.row.setdefault(reservation.vehicle, len(self.row))
         for name in Rows._fields:
             getattr(self.rows, name)[row] = getattr(reservation, name)
@@ -142,9 +144,12 @@ class Book:
         self.held[vehicle] = replace(self.held[vehicle], withdrawn=withdrawn)
         self.rows.withdrawn[self.row[vehicle]] = withdrawn
 
-    def rows_of(self, vehicles: Sequence[str]) -> Ints:
-        """(n,): the row of each vehicle's reservation, LOOSE where it has none."""
-        return np.array([self.row.get(vehicle, LOOSE) for vehicle in vehicles], dtype=np.int64)
+    def rows_of(self, vehicles: tuple[str, ...]) -> Ints:
+        """(n,): the row of each vehicle's reservation, LOOSE where it has none; not to be written to."""
+        if self._asked is None or self._asked[0] is not vehicles:
+            row = np.array([self.row.get(vehicle, LOOSE) for vehicle in vehicles], dtype=np.int64)
+            self._asked = vehicles, row
+        return self._asked[1]
 
     def price(self, vehicle: str, price: float, bid: float) -> None:
         """What the clearance costs when it is taken, and the bid it was won with."""
@@ -152,6 +157,7 @@ class Book:
 
     def free(self, vehicle: str) -> Reservation:
         """Give the ground back. The last row moves into the one that is free now."""
+        self._asked = None
         last, hole = len(self.row) - 1, self.row.pop(vehicle)
         if hole != last:
             moved = next(each for each, row in self.row.items() if row == last)

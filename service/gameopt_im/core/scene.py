@@ -53,7 +53,7 @@ def scene_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, law
         sight=path + np.minimum(ground.exit_length[movement], law.sight_m),
         decel=max(law.decel_mps2, motion.OPENING_DECEL_MPS2),
         apart=ground.apart,
-        way=row,
+        way=row.copy(),  # exit ways will be entered
         exiting=np.zeros(len(snapshot), dtype=np.bool_),
         asked=held_in(row, book.rows.withdrawn),
     )

@@ -16,10 +16,10 @@ from typing import Any, Self, TypeAlias
 
 import numpy as np
 
+from gameopt_im.core.parameters import Program
 from gameopt_im.solver import horizon_job, jobs
-from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome, PlatoonJob
+from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome, PlatoonJob, PlatoonSolution, WarmUp
 from gameopt_im.solver.pool import Counts, Pool
-from gameopt_im.solver.workspace import Solution
 from gameopt_wire.messages import Profile
 
 ROUNDING = 1e-9
@@ -32,8 +32,10 @@ class Contest:
     `counts` are those of the platoons' programs; what was not worth solving is in none of them.
     """
 
-    def __init__(self, workers: int) -> None:
-        self._pool = Pool[PlatoonJob, Solution](workers, jobs.SOLVE, horizon_job.warm_up().programs())
+    def __init__(self, workers: int, settings: Program | None = None) -> None:
+        self._example = horizon_job.warm_up(settings or Program())
+        warm_up = [WarmUp(each) for each in self._example.programs()]
+        self._pool = Pool[PlatoonJob, PlatoonSolution](workers, jobs.SOLVE, warm_up, weigh=lambda job: len(job.values))
 
     @property
     def counts(self) -> Counts:
@@ -42,8 +44,9 @@ class Contest:
 
     async def __aenter__(self) -> Self:
         """Start and warm up all workers, and what this process judges candidates with."""
-        job = horizon_job.warm_up()
-        job.may_cost(np.zeros((len(job.slots), 4, len(job.rules.blocks))))
+        horizon_job.least_costs(
+            [self._example], np.zeros((len(self._example.slots), 4, len(self._example.rules.blocks)))
+        )
         await self._pool.start()
         return self
 
@@ -92,7 +95,7 @@ class Contest:
 
 
 Met: TypeAlias = tuple[int, bytes]
-Solutions: TypeAlias = dict[Met, Solution | None]
+Solutions: TypeAlias = dict[Met, PlatoonSolution | None]
 """The solutions of a control cycle's platoons, by their slots."""
 
 
@@ -108,13 +111,16 @@ def _contenders(candidates: Sequence[HorizonJob], first: int, outcome: HorizonOu
     cost = candidates[first].stake.cost(outcome.objective)
     limit = cost + ROUNDING * (1.0 + abs(cost))
     cheap = [k for k in others if candidates[k].stake.cost(0.0) <= limit]
-    return [k for k in cheap if candidates[k].may_cost(outcome.end.duals) <= limit]
+    if not cheap:
+        return []
+    least = horizon_job.least_costs([candidates[k] for k in cheap], outcome.end.duals)
+    return [k for k, cost_at_least in zip(cheap, least, strict=True) if cost_at_least <= limit]
 
 
 Solver: TypeAlias = Contest | Pool[Any, Any]
 """Whatever solves the programs of a control cycle; an async context."""
 
 
-def solver_for(profile: Profile, workers: int) -> Solver:
+def solver_for(profile: Profile, workers: int, settings: Program) -> Solver:
     """The solver of a profile, warmed on its programs."""
-    return Contest(workers) if profile == "default" else Pool(workers, jobs.SOLVE, jobs.warm_up())
+    return Contest(workers, settings) if profile == "default" else Pool(workers, jobs.SOLVE, jobs.warm_up())

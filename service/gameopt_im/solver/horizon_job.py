@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
+from itertools import accumulate, pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from gameopt_im.core import duality, horizon
-from gameopt_im.core.horizon import HorizonRules, HorizonTask, Platoon, Start
+from gameopt_im.core.horizon import LONGEST, HorizonRules, HorizonTask, Start
 from gameopt_im.core.kinematics import manner_of
-from gameopt_im.core.parameters import Planner
+from gameopt_im.core.parameters import Planner, Program
 from gameopt_im.core.planning import Stake
-from gameopt_im.core.program import QP, Csc
-from gameopt_im.core.snapshot import Floats, Ints
+from gameopt_im.core.snapshot import Floats
 from gameopt_im.solver.jobs import Outcome
-from gameopt_im.solver.workspace import Solution, kept_workspace
+from gameopt_im.solver.workspace import Workspace, kept_workspace
 
 COST_SCALE = 0.005
 """The program's cost is scaled by this: J may be off by more than the speeds are."""
@@ -59,90 +60,87 @@ class HorizonJob:
 
     def met(self) -> list[tuple[int, bytes]]:
         """Each platoon, its slots and that of whom it trails: all that its program depends on in a control cycle."""
-        ends = np.cumsum(self.task.counts)
-        firsts = ends - self.task.counts
-        firsts = firsts - self.task.trails[firsts]
+        trails = self.task.trails
         return [
-            (number, self.slots[first:end].tobytes())
-            for number, (first, end) in enumerate(zip(firsts, ends, strict=True))
+            (number, self.slots[first - trails[first] : end].tobytes())
+            for number, (first, end) in enumerate(_parts(self.task.counts))
         ]
 
     def programs(self) -> list[PlatoonJob]:
         """Its programs, which different workers may solve."""
-        n = len(self.slots)
-        whole = horizon.build(self.task, self.rules, self.slots)
-        start = self.start or Start(np.full_like(whole.q, np.nan), np.zeros_like(whole.lower))
-        values = np.concatenate([part.reshape(n, -1) for part in (*whole, *start)], axis=1)
-        ends = np.cumsum(self.task.counts)
+        values = horizon.build(self.task, self.rules, self.slots, self.start)
         return [
-            PlatoonJob(values[end - count : end], self.rules.blocks, self.residual_mps)
-            for count, end in zip(self.task.counts, ends, strict=True)
+            PlatoonJob(values[first:end], self.rules.blocks, self.residual_mps)
+            for first, end in _parts(self.task.counts)
         ]
 
-    def joined(self, solutions: Sequence[Solution | None]) -> HorizonOutcome | None:
+    def joined(self, solutions: Sequence[PlatoonSolution | None]) -> HorizonOutcome | None:
         """Speeds for the next control cycle and J, from the solutions of all platoons."""
         solved = [solution for solution in solutions if solution is not None]
         if len(solved) < len(self.task.counts):
             return None
-        u = np.concatenate([solution.x for solution in solved])
-        duals = [horizon.by_vehicle(each.y, count) for each, count in zip(solved, self.task.counts, strict=True)]
+        u = np.concatenate([solution.u for solution in solved])
         return HorizonOutcome(
             horizon.first_speeds(self.task, self.rules, u),
             horizon.objective(self.task, self.rules, u),
             max(solution.residual for solution in solved),
-            Start(u.reshape(len(self.slots), -1), np.concatenate(duals)),
+            Start(u, np.concatenate([solution.duals for solution in solved])),
         )
 
     def solve(self) -> HorizonOutcome | None:
         """All of it, platoon by platoon."""
         return self.joined([job.solve() for job in self.programs()])
 
-    def may_cost(self, duals: Floats) -> float:
-        """The least that any solution can cost, judged by the multipliers (n, 4, H) of another candidate."""
-        given = horizon.bounds(self.task, self.rules, self.slots)
-        return self.stake.cost(duality.least_objective(self.task, self.rules, given, duals, self.residual_mps))
+
+@lru_cache(maxsize=512)
+def _parts(counts: tuple[int, ...]) -> list[tuple[int, int]]:
+    """Where each platoon begins and ends."""
+    return list(pairwise(accumulate(counts, initial=0)))
 
 
-@dataclass(frozen=True, slots=True)
-class PlatoonJob:
-    """One program of a candidate: `values` (m, ...) are those of a `Platoon` and a `Start` side by side.
+def least_costs(candidates: Sequence[HorizonJob], duals: Floats) -> list[float]:
+    """The least that any solution of each can cost, judged by the multipliers (n, 4, H) of another of their task."""
+    task, rules, play = candidates[0].task, candidates[0].rules, candidates[0].residual_mps
+    least = duality.least_objectives(task, rules, np.array([each.slots for each in candidates]), duals, play)
+    return [each.stake.cost(value) for each, value in zip(candidates, least.tolist(), strict=True)]
 
-    One array goes to a worker several times as fast as seven.
-    """
+
+class PlatoonSolution(NamedTuple):
+    """Speeds at the ends of the blocks (m, H), multipliers (m, 4, H), and the largest violation of a row, m/s."""
+
+    u: Floats
+    duals: Floats
+    residual: float
+
+
+class PlatoonJob(NamedTuple):
+    """One program of a candidate: its rows of `horizon.build`."""
 
     values: Floats
     blocks: tuple[float, ...]
     residual_mps: float
 
-    def solve(self) -> Solution | None:
-        """The speeds at the ends of the blocks, and the multipliers."""
-        count, h = len(self.values), len(self.blocks)
-        cost, q, lower, upper, reference, u, duals = np.split(self.values, _columns(h), axis=1)
-        rows = (count, 4, h)
-        platoon = Platoon(cost, q, lower.reshape(rows), upper.reshape(rows), reference)
-        start = np.where(np.isnan(u), reference, u).ravel()
-        return _attempted(platoon.program(self.blocks), start, horizon.in_rows(duals.reshape(rows)), self.residual_mps)
+    def solve(self) -> PlatoonSolution | None:
+        """The solution by the quick step size, or else by the safe one from zero multipliers: those may be at fault."""
+        qp, x, duals = horizon.program(self.values, self.blocks, COST_SCALE)
+        for workspace, y in zip(_workspaces(self.residual_mps), (duals, None), strict=True):
+            solution = workspace.solve(qp.A.shape, qp, x, y, _row_lengths(*qp.A.shape))
+            if solution is not None:
+                count, h = len(self.values), len(self.blocks)
+                multipliers = horizon.by_vehicle(solution.y, count, COST_SCALE)
+                return PlatoonSolution(solution.x.reshape(count, h), multipliers, solution.residual)
+        return None
 
 
-@lru_cache(maxsize=8)
-def _columns(h: int) -> Ints:
-    """Where the parts of a `PlatoonJob` begin, but for the first."""
-    return np.cumsum([2 * h - 1, h, 4 * h, 4 * h, h, h])
-
-
-def _attempted(qp: QP, start: Floats, duals: Floats, residual_mps: float) -> Solution | None:
-    """The solution by the quick step size, or else by the safe one, without the multipliers that may be at fault."""
-    lengths, scaled = _row_lengths(*qp.A.shape), _scaled(qp)
-    none = np.zeros_like(duals)
-    for rho, iterations, y in ((QUICK_RHO, QUICK_ITERATIONS, duals), (SAFE_RHO, SAFE_ITERATIONS, none)):
-        workspace = kept_workspace(
+def _workspaces(residual_mps: float) -> list[Workspace]:
+    """The quick one and the safe one."""
+    return [
+        kept_workspace(
             residual_mps=residual_mps, max_iter=iterations, rho=rho, alpha=ALPHA, tolerance=TOLERANCE, capacity=128,
             check=CHECK,
-        )  # fmt: skip
-        solution = workspace.solve(qp.A.shape, scaled, start, y * COST_SCALE, lengths)
-        if solution is not None:
-            return replace(solution, y=solution.y / COST_SCALE)
-    return None
+        )
+        for rho, iterations in ((QUICK_RHO, QUICK_ITERATIONS), (SAFE_RHO, SAFE_ITERATIONS))
+    ]  # fmt: skip
 
 
 @lru_cache(maxsize=512)
@@ -151,17 +149,26 @@ def _row_lengths(rows: int, columns: int) -> Floats:
     return np.repeat(ROW_LENGTHS, [columns, columns, columns, rows - 3 * columns])
 
 
-def _scaled(qp: QP) -> QP:
-    p = Csc((qp.P.shape[0], qp.P.shape[1]), qp.P.data * COST_SCALE, qp.P.indices, qp.P.indptr)
-    return replace(qp, P=p, q=qp.q * COST_SCALE)
+class WarmUp(NamedTuple):
+    """A program to set both workspaces up for: that takes longer than to solve it, and no control cycle may wait."""
+
+    job: PlatoonJob
+
+    def solve(self) -> None:
+        """Solve it in either."""
+        qp, x, y = horizon.program(self.job.values, self.job.blocks, COST_SCALE)
+        for workspace in _workspaces(self.job.residual_mps):
+            workspace.solve(qp.A.shape, qp, x, y, _row_lengths(*qp.A.shape))
 
 
-def warm_up() -> HorizonJob:
-    """A small job that compiles, or loads, what this process and a worker will need."""
-    one = np.ones(2)
+def warm_up(settings: Program) -> HorizonJob:
+    """A job with a platoon of every size: what this process and a worker will need is compiled, or loaded, for it."""
+    counts = tuple(range(1, LONGEST + 1))
+    n, h = sum(counts), len(settings.blocks_s)
+    one = np.ones(n)
     task = HorizonTask(
-        counts=(2,),
-        s=np.array([60.0, 80.0]),
+        counts=counts,
+        s=np.concatenate([60.0 + 20.0 * np.arange(count) for count in counts]),
         v=15.0 * one,
         length=5.0 * one,
         a=2.0 * one,
@@ -170,8 +177,8 @@ def warm_up() -> HorizonJob:
         line_cap=20.0 * one,
         ps=one,
         pv=one,
-        room=np.full((2, 2), 1e9),
-        trails=np.zeros(2, dtype=np.bool_),
+        room=np.full((n, h), 1e9),
+        trails=np.zeros(n, dtype=np.bool_),
     )
-    rules = HorizonRules((1.0, 1.0), 0.7, 2.0, manner_of(Planner()))
-    return HorizonJob(task, rules, np.array([5.0, 7.0]), 1e-3)
+    rules = HorizonRules(settings.blocks_s, settings.lambda_, settings.rear_gap_m, manner_of(Planner()))
+    return HorizonJob(task, rules, 0.1 * task.s, settings.residual_mps)

@@ -9,7 +9,7 @@ import numpy as np
 
 from gameopt_im.core import program
 from gameopt_im.core.parameters import Program
-from gameopt_im.core.program import Traffic
+from gameopt_im.core.program import QP, Traffic
 from gameopt_im.core.snapshot import Bools, Floats, Ints
 from gameopt_im.solver.workspace import kept_workspace, pattern
 from gameopt_wire.messages import STEP_S
@@ -49,11 +49,9 @@ class PaperJob:
     conflict: Bools
     parameters: Program
 
-    def solve(self) -> Outcome | None:
-        """The one-step speeds; starts from the speeds driven, so from the snapshot alone."""
+    def program(self) -> tuple[QP, Floats]:
+        """The program, and where to start: at the speeds driven, so from the snapshot alone."""
         vehicles, settings = self.vehicles, self.parameters
-        if not len(vehicles):
-            return Outcome(np.zeros(0), 0.0, 0.0)
         rear_end = program.rear_end_rows(vehicles, settings.rear_gap_m, STEP_S)
         lateral = program.lateral_rows(
             vehicles,
@@ -64,15 +62,19 @@ class PaperJob:
             reduced=settings.lateral_rows == "reduced",
         )
         qp = program.assemble(vehicles, settings.lambda_, STEP_S, rear_end, lateral)
-        lower, upper = program.boxes(vehicles, STEP_S)
-        start = np.clip(vehicles.v, lower, upper)
-        slack = program.violations(program.join(rear_end, lateral), start)
-        solution = kept_workspace(residual_mps=settings.residual_mps).solve(
-            pattern(qp), qp, np.concatenate([start, slack])
-        )
+        start = np.clip(vehicles.v, *program.boxes(vehicles, STEP_S))
+        return qp, np.concatenate([start, program.violations(program.join(rear_end, lateral), start)])
+
+    def solve(self) -> Outcome | None:
+        """The one-step speeds."""
+        vehicles = self.vehicles
+        if not len(vehicles):
+            return Outcome(np.zeros(0), 0.0, 0.0)
+        qp, start = self.program()
+        solution = kept_workspace(residual_mps=self.parameters.residual_mps).solve(pattern(qp), qp, start)
         if solution is None:
             return None
-        speeds = np.clip(solution.x[: len(vehicles)], lower, upper)
+        speeds = np.clip(solution.x[: len(vehicles)], *program.boxes(vehicles, STEP_S))
         return Outcome(speeds, solution.objective, solution.residual)
 
 

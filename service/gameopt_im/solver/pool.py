@@ -1,6 +1,7 @@
 """Warm worker processes that solve the candidates of a control cycle side by side.
 
-Theory of operation. A call hands every free worker one batch; workers answer job by job. What is not there by
+Theory of operation. A call hands every free worker one batch; workers answer job by job. Where jobs can be weighed,
+this process takes its share of them, too (`shares`): small ones are done sooner than sent. What is not there by
 the deadline is late and is dropped when it comes: answers carry the number of their call. A worker that still
 owes answers is busy and gets nothing new. A worker that dies costs what it owed and is replaced in the
 background. Without a deadline (lock-step) nothing may depend on luck: a call waits for all workers first, and
@@ -16,10 +17,11 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from gameopt_im.solver import worker
 from gameopt_im.solver.process import PoolError, Worker
+from gameopt_im.solver.shares import share_out
 from gameopt_im.solver.worker import Answer, Batch, Start
 
 Job = TypeVar("Job")
@@ -64,15 +66,19 @@ class Pool(Generic[Job, Result]):
     """`workers` processes that apply the importable function `solve` ("package.module:name") to jobs.
 
     Jobs and results are pickled; the `warm_up` jobs are solved by each worker before it counts as started.
-    With `workers` = 0 everything happens in this process. Use as an async context, or `start` and `close`.
+    `weigh` says how long a job takes, in units of which the way to a worker takes `shares.SENDING`; without it workers
+    do all. With `workers` = 0 everything happens in this process. Use as an async context, or `start` and `close`.
     """
 
-    def __init__(self, workers: int, solve: str, warm_up: Sequence[Job] = ()) -> None:
+    def __init__(
+        self, workers: int, solve: str, warm_up: Sequence[Any] = (), weigh: Callable[[Job], float] | None = None
+    ) -> None:
         self.counts = Counts()
         self.last_fault: str | None = None
         """The traceback of the last job that raised."""
         self._size = workers
         self._start = Start(solve, tuple(warm_up))
+        self._weigh = weigh
         self._here: Callable[[Job], Result | None] | None = None
         self._workers: list[Worker] = []
         self._call: _Call[Job, Result] | None = None
@@ -84,9 +90,8 @@ class Pool(Generic[Job, Result]):
 
     async def start(self) -> None:
         """Start and warm up all workers; raises PoolError where one does not come up."""
-        if self._size == 0:
+        if self._size == 0 or self._weigh is not None:
             self._here = worker.prepare(self._start)
-            return
         outcomes = await asyncio.gather(*(self._add() for _ in range(self._size)), return_exceptions=True)
         for error in outcomes:
             if isinstance(error, BaseException):
@@ -124,13 +129,10 @@ class Pool(Generic[Job, Result]):
         self._number += 1
         call = self._call = _Call[Job, Result](self._number, until_s, jobs, loop.create_future())
         try:
-            if self._here is not None:
-                self._solve_here(call, self._here)
-                return call.results
             self._mend()
             if until_s is None:
                 await self.idle()
-            self._hand_out(call)
+            await self._hand_out(call)
             async with asyncio.timeout_at(deadline_s):
                 await call.done
         except TimeoutError:
@@ -145,20 +147,25 @@ class Pool(Generic[Job, Result]):
             self._changed.clear()
             await self._changed.wait()
 
-    def _solve_here(self, call: _Call[Job, Result], solve: Callable[[Job], Result | None]) -> None:
-        for place, job in enumerate(call.jobs):
-            begun = call.until_s is None or time.monotonic() < call.until_s
-            result, fault = worker.run(solve, job) if begun else (None, None)
-            self._settle(call, Answer(call.number, place, result, fault, begun))
-
-    def _hand_out(self, call: _Call[Job, Result]) -> None:
-        """One batch for each free worker; with none free nothing will come in time."""
+    async def _hand_out(self, call: _Call[Job, Result]) -> None:
+        """One batch for each free worker, and the rest to this process; with nobody free nothing will come in time."""
         free = [each for each in self._workers if not each.owes]
-        for first, each in enumerate(free[: len(call.jobs)]):
-            self._send(each, call, range(first, len(call.jobs), len(free)))
-        if not free:
-            for place in range(len(call.jobs)):
-                self._settle(call, Answer(call.number, place, None, None, begun=call.until_s is None))
+        here, *shares = self._shares(call.jobs, len(free))
+        for each, places in zip(free, shares, strict=True):
+            if places:
+                self._send(each, call, places)
+        await asyncio.sleep(0)  # the loop writes before this process is busy
+        for place in here:
+            begun = self._here is not None and (call.until_s is None or time.monotonic() < call.until_s)
+            result, fault = worker.run(self._here, call.jobs[place]) if self._here and begun else (None, None)
+            self._settle(call, Answer(call.number, place, result, fault, begun or call.until_s is None))
+
+    def _shares(self, jobs: Sequence[Job], free: int) -> list[list[int]]:
+        """The places of the jobs that this process and each free worker take."""
+        if self._weigh is not None:
+            return share_out([self._weigh(job) for job in jobs], free)
+        places = list(range(len(jobs)))
+        return [places] if not free else [[], *(places[first::free] for first in range(free))]
 
     def _send(self, to: Worker, call: _Call[Job, Result], places: Sequence[int]) -> None:
         to.send(Batch(call.number, call.until_s, places, [call.jobs[place] for place in places]))

@@ -8,17 +8,21 @@ new, reused or made again after it was dropped gives the same bits (`tests/unit/
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
-import osqp
+from osqp import ext_builtin as osqp
 from scipy.sparse import csc_matrix
 
-from gameopt_im.core.program import QP, Csc, Sparse
-from gameopt_im.core.snapshot import Floats, Ints
+from gameopt_im.core.program import QP, Sparse
+from gameopt_im.core.residuals import quadratic, violation
+from gameopt_im.core.snapshot import Floats
+
+INFINITE: float = osqp.OSQP_INFTY
+"""A bound this large is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +97,7 @@ class Workspace:
         The solver sees the rows of A at these `lengths` (m,): the longer, the sooner it keeps to them. Residuals stay
         those of A. Programs under one `key` must have one sparsity pattern, or it raises ValueError, and one `lengths`.
         """
-        if np.any(qp.l > qp.u):
+        if (qp.l > qp.u).any():
             return None
         kept = self._kept.get(key)
         if kept is None:
@@ -106,10 +110,11 @@ class Workspace:
         x, y, iterations = kept.run(
             np.zeros(len(qp.q)) if start is None else start, np.zeros(len(qp.l)) if duals is None else duals
         )
-        residual = kept.residual(qp, x)
+        residual = violation(x, qp.A.data, qp.A.indices, qp.A.indptr, qp.l, qp.u)
         if not residual <= self._residual_mps:  # also where x is not a number
             return None
-        return Solution(x, y, kept.objective(qp, x), residual, iterations)
+        objective = quadratic(x, qp.P.data, qp.P.indices, qp.P.indptr, qp.q) + qp.constant
+        return Solution(x, y, objective, residual, iterations)
 
 
 kept_workspace = cache(Workspace)
@@ -117,19 +122,24 @@ kept_workspace = cache(Workspace)
 
 
 class _Kept:
-    """One OSQP workspace and the pattern it was set up for."""
+    """One OSQP workspace and the pattern it was set up for.
 
-    def __init__(self, qp: QP, settings: dict[str, Any], lengths: Floats | None) -> None:
+    The solver's own binding is called: the wrapper around it takes longer than a small program does.
+    """
+
+    def __init__(self, qp: QP, settings: Mapping[str, Any], lengths: Floats | None) -> None:
         self._pattern = (qp.P.indptr, qp.P.indices, qp.A.indptr, qp.A.indices)
-        self._p_column = _columns(qp.P)
-        self._a_column = _columns(qp.A)
-        self._off_diagonal = 0.5 + 0.5 * (self._p_column != qp.P.indices)
         self._lengths = lengths
         self._a, self._p = qp.A, qp.P.data.copy()
         self._scale = self._row_scale(qp)
-        a = Csc((qp.A.shape[0], qp.A.shape[1]), qp.A.data * self._scale[qp.A.indices], qp.A.indices, qp.A.indptr)
-        self._osqp = osqp.OSQP()
-        self._osqp.setup(_matrix(qp.P), qp.q, _matrix(a), qp.l * self._scale, qp.u * self._scale, **settings)
+        given = osqp.OSQPSettings()
+        osqp.osqp_set_default_settings(given)
+        for name, value in settings.items():
+            setattr(given, name, value)
+        a = _matrix(qp.A, qp.A.data * self._scale[qp.A.indices])
+        rows, columns = qp.A.shape
+        p = _matrix(qp.P, qp.P.data)
+        self._solver = osqp.OSQPSolver(p, qp.q, a, *self._bounds(qp), rows, columns, given)
 
     def _row_scale(self, qp: QP) -> Floats:
         """What each row of A is multiplied by."""
@@ -138,40 +148,33 @@ class _Kept:
         squares = np.bincount(qp.A.indices, qp.A.data**2, minlength=qp.A.shape[0])
         return np.asarray(self._lengths / np.sqrt(np.where(squares > 0.0, squares, 1.0)))
 
+    def _bounds(self, qp: QP) -> tuple[Floats, Floats]:
+        """l and u of the scaled rows; what is infinite is so for the solver, too."""
+        return np.maximum(qp.l * self._scale, -INFINITE), np.minimum(qp.u * self._scale, INFINITE)
+
     def update(self, qp: QP) -> None:
         """Take the values of another program of the same pattern; matrices that stay are not factorised again."""
         given = (qp.P.indptr, qp.P.indices, qp.A.indptr, qp.A.indices)
         if not all(one is other or np.array_equal(one, other) for one, other in zip(given, self._pattern, strict=True)):
             raise ValueError("a program with another sparsity pattern under the same key")
-        changed = {}
+        p = a = None
         if qp.A is not self._a:
             self._a, self._scale = qp.A, self._row_scale(qp)
-            changed["Ax"] = qp.A.data * self._scale[qp.A.indices]
-        if not np.array_equal(qp.P.data, self._p):
-            self._p = changed["Px"] = qp.P.data.copy()
-        self._osqp.update(q=qp.q, l=qp.l * self._scale, u=qp.u * self._scale, **changed)
+            a = qp.A.data * self._scale[qp.A.indices]
+        if (qp.P.data != self._p).any():
+            self._p = p = qp.P.data.copy()
+        low, high = self._bounds(qp)
+        self._solver.update_data_vec(q=qp.q, l=low, u=high)
+        if p is not None or a is not None:
+            self._solver.update_data_mat(P_x=p, P_i=None, A_x=a, A_i=None)
 
     def run(self, start: Floats, duals: Floats) -> tuple[Floats, Floats, int]:
         """(x, y, iterations) from `start` and `duals`; x is not a number where the solver gives none."""
-        self._osqp.warm_start(x=start, y=duals / self._scale)
-        result = self._osqp.solve(raise_error=False)
-        y = np.array(result.y, dtype=np.float64) * self._scale
-        return np.array(result.x, dtype=np.float64), y, int(result.info.iter)
-
-    def residual(self, qp: QP, x: Floats) -> float:
-        """Largest violation of l <= Ax <= u, computed apart from the solver."""
-        ax = np.bincount(qp.A.indices, qp.A.data * x[self._a_column], minlength=qp.A.shape[0])
-        return float(np.max(np.maximum(qp.l - ax, ax - qp.u), initial=0.0))
-
-    def objective(self, qp: QP, x: Floats) -> float:
-        """1/2 x'Px + q'x + constant; P holds only one of each two equal entries off the diagonal."""
-        half = self._off_diagonal * qp.P.data * x[qp.P.indices] * x[self._p_column]
-        return float(half.sum() + (qp.q * x).sum() + qp.constant)
+        self._solver.warm_start(start, duals / self._scale)
+        self._solver.solve()
+        found = self._solver.solution  # x and y are the solver's own memory
+        return np.array(found.x), found.y * self._scale, int(self._solver.info.iter)
 
 
-def _columns(matrix: Sparse) -> Ints:
-    return np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
-
-
-def _matrix(matrix: Sparse) -> csc_matrix[np.float64]:
-    return csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=(matrix.shape[0], matrix.shape[1]))
+def _matrix(matrix: Sparse, data: Floats) -> Any:
+    return osqp.CSC(csc_matrix((data, matrix.indices, matrix.indptr), shape=(matrix.shape[0], matrix.shape[1])))

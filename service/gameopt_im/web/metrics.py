@@ -70,6 +70,10 @@ COUNTERS = (
         lambda v: v.fallback_vehicle_cycles,
     ),
     Plain("candidates", "candidate sequences evaluated", lambda v: v.candidates),
+    Plain("dropped_candidates", "candidates not tried for want of time", lambda v: v.report.dropped_total),
+    Plain(
+        "unsolved_control_cycles", "control cycles without programs, for the same", lambda v: v.report.unsolved_total
+    ),
     Plain("lost_workers", "solver processes that ended on their own", lambda v: v.programs.lost_workers),
 )
 

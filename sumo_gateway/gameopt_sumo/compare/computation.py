@@ -174,7 +174,7 @@ def _record(folder: Path, path: Path, processes: Processes) -> int:
 
 
 def _bench(folder: Path, path: Path, processes: Processes) -> int:
-    figures = ["--vehicles", ",".join(map(str, VEHICLES)), "--cycles", CYCLES, "--json", path]
+    figures = ["--vehicles", ",".join(map(str, VEHICLES)), "--cycles", CYCLES, "--no-ratios", "--json", path]
     return processes.run([BIN / "gameopt-im", "bench", *figures], folder / "bench.log")
 
 

@@ -1,0 +1,1 @@
+"""What `gameopt-im bench` compares beside the stages: ratios of two ways to do the same, and growth with traffic."""

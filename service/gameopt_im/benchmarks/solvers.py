@@ -1,0 +1,84 @@
+"""Other solvers on the very programs that the service solves; extras (`pip install 'gameopt[bench]'`), never needed.
+
+Each takes a program as it is built, brings it into the solver's form and is set up for it anew. Both are interior-point
+methods, which a start from the last control cycle does not help. They are asked for about as much as OSQP is, not for
+all that they could reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from types import MappingProxyType
+from typing import Any, TypeAlias
+
+import numpy as np
+from scipy import sparse
+
+from gameopt_im.core.program import QP, Sparse
+from gameopt_im.core.residuals import quadratic, violation
+from gameopt_im.core.snapshot import Floats
+
+EXTRA = "pip install 'gameopt[bench]'"
+TOLERANCE = 1e-4
+"""Of residuals and the gap: what OSQP is asked for on the paper's program; on the horizon's it is asked for 4e-4."""
+NO_BOUND = 1e6
+"""m/s; whoever has no leader is told to stay behind one who is that far off, which would spoil a solver's scaling."""
+
+Solve: TypeAlias = Callable[[QP], Floats]
+"""The solution x (nx,) of a program, from scratch; not a number where the solver gives none."""
+
+
+def installed(name: str) -> str | None:
+    """The version of a solver; None where it is not there."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def clarabel(qp: QP) -> Floats:
+    """Clarabel: rows with a bound become Ax + s = b, s >= 0, upper bounds first."""
+    import clarabel as solver
+
+    settings = solver.DefaultSettings()
+    settings.verbose = False
+    settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = TOLERANCE
+    p, a = _matrix(qp.P), _matrix(qp.A).tocsr()
+    upper, lower = qp.u < NO_BOUND, qp.l > -NO_BOUND
+    rows = sparse.vstack([a[upper], -a[lower]], format="csc")
+    bounds = np.concatenate([qp.u[upper], -qp.l[lower]])
+    cones = [solver.NonnegativeConeT(len(bounds))]
+    return np.array(solver.DefaultSolver(p, qp.q, rows, bounds, cones, settings).solve().x)
+
+
+def piqp(qp: QP) -> Floats:
+    """PIQP on sparse matrices: l <= Gx <= u is its own form, and it reads the upper triangle of P."""
+    import piqp as solver
+
+    lower, upper = np.where(qp.l > -NO_BOUND, qp.l, -np.inf), np.where(qp.u < NO_BOUND, qp.u, np.inf)
+    found = solver.SparseSolver()
+    found.settings.eps_abs = found.settings.eps_duality_gap_abs = TOLERANCE
+    found.settings.eps_rel = found.settings.eps_duality_gap_rel = TOLERANCE
+    found.setup(_matrix(qp.P), qp.q, None, None, _matrix(qp.A), lower, upper, None, None)
+    found.solve()
+    return np.array(found.result.x)
+
+
+OPTIONAL: MappingProxyType[str, Solve] = MappingProxyType({"clarabel": clarabel, "piqp": piqp})
+"""By their names in the package index."""
+
+
+def residual(qp: QP, x: Floats) -> float:
+    """Largest violation of l <= Ax <= u, m/s; not a number where x is none."""
+    return violation(x, qp.A.data, qp.A.indices, qp.A.indptr, qp.l, qp.u)
+
+
+def objective(qp: QP, x: Floats) -> float:
+    """1/2 x'Px + q'x + constant."""
+    return quadratic(x, qp.P.data, qp.P.indices, qp.P.indptr, qp.q) + qp.constant
+
+
+def _matrix(matrix: Sparse) -> Any:
+    rows, columns = matrix.shape
+    return sparse.csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=(rows, columns))

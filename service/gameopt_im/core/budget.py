@@ -1,0 +1,148 @@
+"""What of a control cycle's work fits into its time: what is left out first, and when it comes back.
+
+Theory of operation. The work is a ladder; each level takes in all below it:
+
+    0      slots for one sequence, the incumbent, driven on the approach law
+    1      and its program
+    1 + k  and k more sequences, by the first k weight vectors, and the program of q*
+
+On level 0 the time that no program can use goes to sequences again, as many as fit (`without_programs`).
+The interlock and the commands stand outside of the ladder: they are always worked out. What a level will cost follows
+from what earlier control cycles took, measured by whoever calls; no clock is read here. A cost rises at once and falls
+slowly, and so does the level fall and rise: down as soon as it does not fit, up by one, later to twice as much, after
+a number of control cycles with time to spare, a number that doubles whenever the level falls again.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from gameopt_wire.messages import STEP_S
+
+UNSOLVED, ALONE = 0, 1
+"""Levels: without programs; one sequence with its program."""
+HANDFUL = 10
+"""What is fixed in a cost is taken to be as much as so many vehicles cost."""
+SHARED = 3
+"""What all sequences share, bids above all, is taken to cost as much as so many sequences: measured, 260 to 520
+vehicles. Without it, one sequence alone would look so dear that the others never came back.
+"""
+RISE, FALL = 0.5, 0.1
+"""Weight of a new measurement that is dearer than the estimate, and of one that is cheaper. Programs end at their
+deadline whatever they need, so for them it is always the smaller one: a late one now and then is no reason to stop.
+"""
+FADE = 0.98
+"""An estimate that cannot be renewed falls to this share per control cycle, so that it is tried again some day."""
+LATE = 2.0
+"""A program that was not ready in its time is taken to need so many times as long: if most are late, none fits."""
+SPARE = 0.8
+"""The level rises only to what fits into this share of the time."""
+CALM_CYCLES, MOST_CALM_CYCLES = 5, 320
+"""Control cycles with time to spare before the level rises: at first, and after many falls."""
+
+
+class Load(NamedTuple):
+    """The vehicles of a control cycle: all of them, and those without a clearance."""
+
+    vehicles: int
+    uncleared: int
+
+
+class Effort(NamedTuple):
+    """What a control cycle tries: the incumbent and so many weight vectors, and whether their programs."""
+
+    candidates: int
+    programs: bool = True
+
+
+class Costs(NamedTuple):
+    """Estimates, s: of one sequence and of one program, per uncleared vehicle; of what comes after, per vehicle."""
+
+    sequence: float = 0.0
+    program: float = 0.0
+    rest: float = 0.0
+
+
+class Took(NamedTuple):
+    """What a control cycle took, s: all of its sequences, all of its programs, and everything after these."""
+
+    sequences: float
+    programs: float
+    rest: float
+
+
+class Done(NamedTuple):
+    """What was done in that time: sequences, programs begun, and programs that were ready."""
+
+    sequences: int
+    begun: int
+    ready: int
+
+
+class Ladder(NamedTuple):
+    """The level, the control cycles it has had time to spare for, and how many it takes to rise.
+
+    `rose` says that the last change was a rise, so that time to spare since then means that it was right.
+    """
+
+    level: int
+    calm: int = 0
+    patience: int = CALM_CYCLES
+    rose: bool = True
+
+
+def rest_s(costs: Costs, load: Load) -> float:
+    """What comes after the programs, s: interlock, commands, publishing."""
+    return costs.rest * (load.vehicles + HANDFUL)
+
+
+def need_s(costs: Costs, load: Load, level: int) -> float:
+    """What a level needs with all that comes after it, s; never less than a lower one."""
+    programs = costs.program if level > UNSOLVED else 0.0
+    planned = costs.sequence * (max(level, ALONE) + SHARED) + programs
+    return planned * (load.uncleared + HANDFUL) + rest_s(costs, load)
+
+
+def fitting(costs: Costs, load: Load, left_s: float, top: int) -> int:
+    """The highest level up to `top` that needs no more than `left_s`; the lowest of all if none does."""
+    return next((level for level in range(top, UNSOLVED, -1) if need_s(costs, load, level) <= left_s), UNSOLVED)
+
+
+def without_programs(costs: Costs, load: Load, left_s: float, top: int) -> int:
+    """How many sequences, one to `top`, fit into `left_s` on level 0, with time to spare."""
+    each_s = costs.sequence * (load.uncleared + HANDFUL)
+    room_s = SPARE * left_s - rest_s(costs, load)
+    return next((count for count in range(top, ALONE, -1) if (count + SHARED) * each_s <= room_s), ALONE)
+
+
+def step(ladder: Ladder, costs: Costs, load: Load, left_s: float, top: int) -> Ladder:
+    """The ladder for a control cycle that has `left_s` from here on."""
+    fits = fitting(costs, load, left_s, top)
+    if fits < ladder.level:
+        return Ladder(fits, 0, min(2 * ladder.patience, MOST_CALM_CYCLES), rose=False)
+    roomy = min(fitting(costs, load, SPARE * left_s, top), max(ladder.level + 1, 2 * ladder.level))
+    if roomy < min(ladder.level + 1, top):
+        return ladder._replace(calm=0)
+    if ladder.calm + 1 < ladder.patience:
+        return ladder._replace(calm=ladder.calm + 1)
+    patience = max(ladder.patience // 2, CALM_CYCLES) if ladder.rose else ladder.patience
+    return Ladder(roomy, 0, patience, rose=True)
+
+
+def learned(costs: Costs, load: Load, done: Done, took: Took) -> Costs:
+    """The estimates after a control cycle. One that was held up for longer than its whole time counts as that long."""
+    planned, present = load.uncleared + HANDFUL, load.vehicles + HANDFUL
+    sequence, program = costs.sequence, costs.program * FADE
+    if done.sequences:
+        sequence = _towards(sequence, took.sequences / (done.sequences + SHARED) / planned, planned)
+    if done.begun:
+        each = took.programs / done.ready if done.ready else LATE * took.programs
+        program = costs.program + FALL * (min(each, STEP_S) / planned - costs.program)
+    return Costs(sequence, program, _towards(costs.rest, took.rest / present, present))
+
+
+def _towards(estimate: float, measured: float, size: int) -> float:
+    measured = min(measured, STEP_S / size)
+    if not estimate:
+        return measured
+    return estimate + (RISE if measured > estimate else FALL) * (measured - estimate)

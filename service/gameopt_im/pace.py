@@ -1,0 +1,84 @@
+"""Keeping a control cycle within its time under the wall clock; in lock-step everything is done, whatever it takes."""
+
+from __future__ import annotations
+
+import structlog
+
+from gameopt_im.core import budget
+from gameopt_im.core.budget import Costs, Done, Effort, Ladder, Load, Took
+from gameopt_im.options import ServeOptions
+
+log = structlog.get_logger()
+
+
+class Pace:
+    """How much each control cycle tries, from what the ones before it took.
+
+    `dropped` counts the candidates left out for want of time, `unsolved` the control cycles whose programs were.
+    """
+
+    def __init__(self, options: ServeOptions) -> None:
+        self.dropped = self.unsolved = 0
+        parameters = options.parameters
+        vectors = min(options.candidates, len(parameters.auction.weights))
+        incumbent = options.profile == "default" and parameters.planner.incumbent
+        self._beside = int(incumbent)
+        self._top = vectors + self._beside
+        self._programs = parameters.program.solve
+        self._budget_s = parameters.service.budget_s
+        self._costs = Costs()
+        self._ladder = Ladder(self._top)
+        self._tried: tuple[Load, int] | None = None
+        self._left_s = float("inf")
+        self._elapsed_s = self._allowed_s = 0.0
+
+    def effort(self, load: Load, elapsed_s: float, left_s: float | None) -> Effort:
+        """What to try, `elapsed_s` after the beginning, which had `left_s` to the next grid point; None: everything."""
+        self._tried = None
+        if left_s is None:
+            return Effort(self._top - self._beside)
+        before = self._ladder.level
+        # What happens once, a late beginning or a process held up, says nothing about the next control cycle.
+        steady_s, self._elapsed_s = min(elapsed_s, self._elapsed_s), elapsed_s
+        self._ladder = budget.step(self._ladder, self._costs, load, self._budget_s - steady_s, self._top)
+        self._say(before, load)
+        self._left_s = min(self._budget_s, left_s) - elapsed_s
+        level = min(self._ladder.level, budget.fitting(self._costs, load, self._left_s, self._top))
+        sequences = level or budget.without_programs(self._costs, load, self._left_s, self._top)
+        self._tried = load, sequences
+        if load.uncleared:
+            self.dropped += self._top - sequences
+            self.unsolved += self._programs and level == budget.UNSOLVED
+        return Effort(sequences - self._beside, level > budget.UNSOLVED)
+
+    def deadline_s(self, elapsed_s: float, most_s: float) -> float:
+        """How long the programs may take that begin `elapsed_s` after `effort`: what follows has its time, too."""
+        if self._tried is None:
+            return most_s
+        left_s = self._left_s - elapsed_s - budget.rest_s(self._costs, self._tried[0])
+        self._allowed_s = min(most_s, max(left_s, 0.0))
+        return self._allowed_s
+
+    def learn(self, took: Took, begun: int, ready: int) -> None:
+        """What it took, for the next control cycle; `begun` programs of which some were `ready`."""
+        if self._tried is None:
+            return
+        load, sequences = self._tried
+        if begun and not ready:  # workers that are still busy with older ones give up at once
+            took = took._replace(programs=max(took.programs, self._allowed_s))
+        done = Done(sequences if load.uncleared else 0, begun, ready)
+        self._costs = budget.learned(self._costs, load, done, took)
+
+    def _say(self, before: int, load: Load) -> None:
+        """Once per change."""
+        level = self._ladder.level
+        if level == before:
+            return
+        tell = log.warning if level < before else log.info
+        tell(
+            "short of time" if level < before else "time to spare",
+            sequences=level or "as many as fit",
+            of=self._top,
+            programs=level > budget.UNSOLVED,
+            vehicles=load.vehicles,
+        )

@@ -1,0 +1,36 @@
+"""The whole way of a control cycle, from the last state received to the last command handed to Zenoh."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from msgspec import structs
+
+from gameopt_im.manager import Outcome
+
+PUBLISH = "publish"
+
+
+def measured(outcome: Outcome, closed_s: float, late_s: float | None) -> Outcome:
+    """The outcome once its commands are with Zenoh, its report with the whole way and all its stages.
+
+    The way begins at `closed_s` (`time.perf_counter`), when the messages of the control cycle were drained: whatever
+    came before is in it, and nothing that came later. How long states were waited for (`service.collect_s`) is not
+    work, and not part of it; `late_s`, from the time due to the wake-up, is reported beside it. `ingest` then begins
+    with the drain, and `publish` where the commands stand, so that the stages add up to the whole way. The report is
+    published after the commands, in the same control cycle.
+    """
+    ended_s = time.perf_counter()
+    report = outcome.report
+    began_s = outcome.decided_s - 1e-3 * report.elapsed_ms
+    stages_ms = dict(report.stages_ms)
+    stages_ms["ingest"] += 1e3 * (began_s - closed_s)
+    stages_ms[PUBLISH] = 1e3 * (ended_s - outcome.decided_s)
+    complete = structs.replace(
+        report,
+        stages_ms=stages_ms,
+        whole_ms=1e3 * (ended_s - closed_s),
+        late_ms=None if late_s is None else 1e3 * late_s,
+    )
+    return replace(outcome, report=complete)

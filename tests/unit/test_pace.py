@@ -1,0 +1,152 @@
+"""What control cycles try under the wall clock: the real manager short of time, and its account of times passed in."""
+
+from __future__ import annotations
+
+import asyncio
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from tracking import ROADS
+
+from gameopt_im import config
+from gameopt_im.core.budget import Load, Took
+from gameopt_im.manager import Manager, Outcome
+from gameopt_im.options import ServeOptions
+from gameopt_im.pace import Pace
+from gameopt_im.rehearsal import Rehearsal
+from gameopt_im.service import solver_of
+from gameopt_wire.messages import Clock
+
+LOAD = Load(60, 30)
+SWIFT, SLOW = Took(0.001, 0.005, 0.001), Took(0.090, 0.040, 0.001)
+PRESENT = 12
+NO_TIME = "[service]\nbudget_s = 1e-9"
+
+
+def options(text: str = "", clock: Clock = "wall", **changes: Any) -> ServeOptions:
+    return ServeOptions(map=ROADS, parameters=config.parse(text), clock=clock, workers=0, **changes)
+
+
+def driven(asked: ServeOptions, cycles: int, left_s: float | None) -> list[Outcome]:
+    """A junction of two roads, crossed for a while by vehicles that obey."""
+
+    async def drive() -> list[Outcome]:
+        traffic, outcomes = Rehearsal(ROADS, PRESENT), []
+        async with solver_of(asked) as solver:
+            manager = Manager(asked, 1, solver)
+            for cycle in range(1, cycles):
+                messages = traffic.messages(cycle / 10)
+                outcomes.append(await manager.control_cycle(cycle, cycle / 10, messages, left_s))
+                manager.published()
+                traffic.obey(outcomes[-1].commands)
+        return outcomes
+
+    return asyncio.run(drive())
+
+
+@pytest.mark.parametrize(("profile", "left_out"), [("default", 8), ("paper", 7)])
+def test_without_time_everybody_is_still_commanded_and_crosses(profile: Any, left_out: int) -> None:
+    outcomes = driven(options(NO_TIME, profile=profile), 200, 0.08)
+    reports = [outcome.report for outcome in outcomes]
+    assert all(report.commands == report.vehicles == PRESENT for report in reports)
+    assert {report.candidates for report in reports if report.uncleared} == {1}
+    assert reports[-1].qp_solved_total == 0
+    assert sum(report.cleared > 0 for report in reports) > 50
+    assert all(report.withdrawn == 0 for report in reports)
+    planned = sum(report.uncleared > 0 for report in reports)
+    assert (reports[-1].dropped_total, reports[-1].unsolved_total) == (
+        planned * left_out - first_drop(reports),
+        planned,
+    )
+
+
+def first_drop(reports: list[Any]) -> int:
+    """Nothing is known of costs in the first control cycle, so all is tried."""
+    return 0 if reports[0].unsolved_total else reports[0].dropped_total
+
+
+def test_without_the_incumbent_the_first_weight_vector_remains() -> None:
+    outcomes = driven(options(NO_TIME + "\n[planner]\nincumbent = false"), 60, 0.08)
+    assert {outcome.report.selected for outcome in outcomes[1:] if outcome.report.uncleared} == {0}
+
+
+def test_one_that_begins_after_the_next_grid_point_tries_the_incumbent_alone() -> None:
+    late = driven(options(), 40, -0.03)
+    assert {outcome.report.selected for outcome in late if outcome.report.uncleared} == {-1}
+    assert late[-1].report.unsolved_total == sum(outcome.report.uncleared > 0 for outcome in late)
+
+
+def test_in_lock_step_no_budget_is_looked_at() -> None:
+    usual, short = (driven(options(text, "lockstep"), 60, None) for text in ("", NO_TIME))
+    assert [outcome.commands for outcome in usual] == [outcome.commands for outcome in short]
+    assert short[-1].report.dropped_total == short[-1].report.unsolved_total == 0
+    assert max(outcome.report.candidates for outcome in short) > 1
+
+
+def test_a_late_start_says_nothing_about_the_next_control_cycle() -> None:
+    pace = Pace(options())
+    pace.effort(LOAD, 0.001, 0.08)
+    pace.learn(SWIFT, 9, 1)
+    assert pace.effort(LOAD, 0.001, 0.001) == (0, False)
+    assert (pace.dropped, pace.unsolved) == (8, 1)
+    pace.learn(SWIFT, 0, 0)
+    assert pace.effort(LOAD, 0.001, 0.08) == (8, True)
+    assert (pace.dropped, pace.unsolved) == (8, 1)
+
+
+def test_one_control_cycle_held_up_says_nothing_about_the_next() -> None:
+    pace = Pace(options())
+    pace.effort(LOAD, 0.001, 0.08)
+    pace.learn(SWIFT, 9, 1)
+    assert pace.effort(LOAD, 3.0, 0.08) == (0, False)
+    pace.learn(SWIFT, 0, 0)
+    assert pace.effort(LOAD, 0.001, 0.08) == (8, True)
+
+
+def test_candidates_go_before_the_program_and_come_back_step_by_step() -> None:
+    pace = Pace(options())
+    pace.effort(LOAD, 0.001, 0.08)
+    for _ in range(2):
+        pace.learn(Took(0.090, 0.005, 0.001), 9, 1)
+    candidates, programs = pace.effort(LOAD, 0.001, 0.08)
+    assert 0 < candidates < 8
+    assert programs
+    tried = [candidates]
+    for _ in range(400):
+        pace.learn(Took(0.0001 * (tried[-1] + 1), 0.005, 0.001), tried[-1] + 1, 1)
+        tried.append(pace.effort(LOAD, 0.001, 0.08).candidates)
+    assert tried[-1] == 8
+    assert {after - before for before, after in pairwise(tried)} <= {0, 1, 2, 4}
+
+
+def test_programs_are_due_before_what_follows_them() -> None:
+    pace = Pace(options())
+    pace.effort(LOAD, 0.001, 0.08)
+    assert pace.deadline_s(0.002, 0.04) == 0.04
+    pace.learn(Took(0.001, 0.005, 0.010), 9, 1)
+    pace.effort(LOAD, 0.030, 0.08)
+    assert 0.0 < pace.deadline_s(0.002, 0.04) <= 0.06 - 0.030 - 0.002 - 0.5 * 0.010
+    assert pace.deadline_s(0.050, 0.04) == 0.0
+
+
+def test_programs_that_busy_workers_never_began_are_taken_to_be_late_not_quick() -> None:
+    pace = Pace(options())
+    tried = []
+    for _ in range(30):
+        tried.append(pace.effort(LOAD, 0.001, 0.08).programs)
+        pace.deadline_s(0.001, 0.04)
+        pace.learn(Took(0.001, 0.0001, 0.001), 9, 0)
+    assert tried[0]
+    assert not all(tried)
+
+
+def test_what_is_short_is_said_once_per_change(capsys: pytest.CaptureFixture[str]) -> None:
+    pace = Pace(options())
+    for took in (SWIFT, *[SLOW] * 50, *[SWIFT] * 2000):
+        pace.effort(LOAD, 0.001, 0.08)
+        pace.learn(took, 9, 1)
+    said = capsys.readouterr().out
+    assert "short of time" in said
+    assert said.count("time to spare") == 5  # 1, 2, 4, 8 and 9 sequences
+    assert len(said.splitlines()) < 15

@@ -19,11 +19,15 @@ ARGUMENTS = ("--no-sandbox", "--disable-gpu")
 PATIENCE_S = 300.0
 
 
-def found() -> str | None:
-    """The browser to use; None where there is none."""
-    with sync_playwright() as playwright:
-        own = playwright.chromium.executable_path
+def found(own: str) -> str | None:
+    """The browser to use, Playwright's `own` where it is there; None where there is none."""
     return own if Path(own).exists() else next(filter(None, map(shutil.which, NAMES)), None)
+
+
+def own_path() -> str:
+    """Where Playwright would have its own."""
+    with sync_playwright() as playwright:
+        return playwright.chromium.executable_path
 
 
 def install() -> None:
@@ -33,15 +37,15 @@ def install() -> None:
         attempts += [["apt-get", "update"], ["apt-get", "install", "--yes", "--no-install-recommends", "chromium"]]
     for attempt in attempts:
         subprocess.run(attempt, check=False, timeout=PATIENCE_S, stdout=sys.stderr)
-        if found():
+        if found(own_path()):
             return
 
 
 def main() -> int:
     """Exit code."""
-    if found() is None:
+    if found(own_path()) is None:
         install()
-    browser = found()
+    browser = found(own_path())
     if browser is None:
         sys.stderr.write("no Chromium: `playwright install chromium`, or your system's chromium, would do\n")
         return 1

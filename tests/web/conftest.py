@@ -10,4 +10,4 @@ import browser
 
 
 def pytest_report_header() -> str:
-    return f"browser: {browser.found() or 'none; make test-web installs one'}"
+    return f"browser: {browser.found(browser.own_path()) or 'none; make test-web installs one'}"

@@ -6,7 +6,6 @@ folder, the pictures of the documentation are written there.
 
 from __future__ import annotations
 
-import asyncio
 import os
 import re
 import signal
@@ -55,7 +54,7 @@ class Junction:
 @asynccontextmanager
 async def chromium() -> AsyncIterator[Browser]:
     async with async_playwright() as playwright:
-        executable = await asyncio.to_thread(browser.found)
+        executable = browser.found(playwright.chromium.executable_path)
         launched = await playwright.chromium.launch(executable_path=executable, args=[*browser.ARGUMENTS])
         try:
             yield launched
@@ -93,14 +92,14 @@ async def moves(page: Page) -> None:
 
 
 async def click_a_vehicle(page: Page) -> str:
-    """Clicks on one that stands, far from the others; the vehicle that should be selected."""
+    """Clicks on one that stands, near to no other; the vehicle that should be selected."""
     spot = await (
         await page.wait_for_function(
             """() => {
                 const places = window.gameopt.places();
                 const alone = ({ vehicle, x, y }) =>
-                    places.every((other) => other.vehicle === vehicle || Math.hypot(other.x - x, other.y - y) > 30);
-                const inside = ({ x, y }) => x > 40 && y > 40 && x < innerWidth / 2 && y < 400;
+                    places.every((other) => other.vehicle === vehicle || Math.hypot(other.x - x, other.y - y) > 12);
+                const inside = ({ x, y }) => x > 40 && y > 40 && x < 700 && y < 400;
                 return places.filter(inside).find((place) => place.slow && alone(place));
             }"""
         )

@@ -98,7 +98,10 @@ document.querySelector(".zoom").addEventListener("click", ({ target }) => {
 setInterval(drawPanels, PANELS_MS);
 setInterval(() => document.hidden || charts.draw(traffic), CHARTS_MS);
 
-// For whoever looks at the page from outside, as its tests do: where vehicles are drawn.
+// For whoever looks at the page from outside, as its tests do: where on the canvas vehicles are.
 window.gameopt = {
-  places: () => (view.placed ?? []).map(({ car, x, y }) => ({ vehicle: car.vehicle, x, y, slow: car.speed_mps < 1 })),
+  places: () => (view.placed ?? []).map((placed) => {
+    const [x, y] = view.middleOf(placed);
+    return { vehicle: placed.car.vehicle, x, y, slow: placed.car.speed_mps < 1 };
+  }),
 };

@@ -37,7 +37,7 @@ export class Order {
   // Selects the vehicle so many turns later than the selected one.
   step(by) {
     const now = this.shown.indexOf(this.selected);
-    const next = now < 0 ? 0 : Math.min(this.shown.length - 1, Math.max(0, now + by));
+    const next = Math.min(this.shown.length - 1, Math.max(0, now < 0 && by < Infinity ? 0 : now + by));
     if (this.shown[next] !== undefined) this.select(this.shown[next]);
   }
 

@@ -7,6 +7,7 @@ const FRAME_MS = 33;
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 const LABEL_SCALE = 3;
 const ALL_LABELS_SCALE = 8;
+const FINGER = 22;
 
 export class View {
   constructor(canvas, traffic, select) {
@@ -204,8 +205,9 @@ export class View {
   }
 
   drawWay(ink, { car, distance_m }) {
-    const way = this.roads.stretch(car.movement, -distance_m, this.roads.map.movements[car.movement].length_m + 25);
-    if (!way.length) return;
+    const end_m = this.roads.map.movements[car.movement].length_m + 25;
+    if (-distance_m > end_m) return;
+    const way = this.roads.stretch(car.movement, -distance_m, end_m);
     this.trace(ink, way);
     ink.lineCap = "round";
     ink.strokeStyle = COLOURS[car.status];
@@ -218,10 +220,16 @@ export class View {
     ink.lineCap = "butt";
   }
 
-  drawRing(ink, { x, y, car, heading }) {
-    const middle = 0.5 * car.length_m * this.camera.scale;
+  // The middle of a vehicle's body and half its length, in pixels.
+  middleOf({ x, y, car, heading }) {
+    const half = 0.5 * car.length_m * this.camera.scale;
+    return [x - half * Math.cos(heading), y + half * Math.sin(heading), half];
+  }
+
+  drawRing(ink, placed) {
+    const [x, y, half] = this.middleOf(placed);
     ink.beginPath();
-    ink.arc(x - middle * Math.cos(heading), y + middle * Math.sin(heading), middle + 9, 0, 2 * Math.PI);
+    ink.arc(x, y, half + 9, 0, 2 * Math.PI);
     ink.lineWidth = 5;
     ink.strokeStyle = this.palette.halo;
     ink.stroke();
@@ -257,11 +265,11 @@ export class View {
 
   // The vehicle nearest to a point of the canvas, within a finger's width.
   at(x, y) {
-    let [best, least] = [null, 22];
-    for (const { car, ...place } of this.placed ?? []) {
-      const middle = 0.5 * car.length_m * this.camera.scale;
-      const far = Math.hypot(place.x - middle * Math.cos(place.heading) - x, place.y + middle * Math.sin(place.heading) - y);
-      if (far < Math.max(least, middle) && far < (best?.far ?? Infinity)) best = { vehicle: car.vehicle, far };
+    let best = null;
+    for (const placed of this.placed ?? []) {
+      const [left, top, half] = this.middleOf(placed);
+      const far = Math.hypot(left - x, top - y);
+      if (far < Math.max(FINGER, half) && far < (best?.far ?? Infinity)) best = { vehicle: placed.car.vehicle, far };
     }
     return best?.vehicle ?? null;
   }
@@ -300,6 +308,7 @@ export class View {
 
   pinch(other, was, now) {
     const spread = (point) => Math.hypot(point[0] - other[0], point[1] - other[1]) || 1;
+    this.pan((now[0] - was[0]) / 2, (now[1] - was[1]) / 2);
     this.zoom(spread(now) / spread(was), [(now[0] + other[0]) / 2, (now[1] + other[1]) / 2]);
   }
 }

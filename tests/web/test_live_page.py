@@ -138,13 +138,13 @@ def test_it_loads_vehicles_move_and_one_is_selected_by_click_and_by_keyboard() -
             await expect(card.locator(".bids li.won")).to_have_count(1)
             await expect(page.locator("#candidates tr.won")).to_have_count(1)
             await expect(page.locator("#why")).to_contain_text("won")
-            await page.wait_for_function("document.querySelector('#chart-throughput b').textContent > 0")
+            await page.wait_for_function("() => document.querySelector('#chart-throughput b').textContent > 0")
             await picture(page, "live-page")
             await page.close()
 
             dark = await opened(window, junction.url, complaints, viewport=LAPTOP, color_scheme="dark")
             await moves(dark)
-            await dark.wait_for_function("document.querySelector('#chart-throughput b').textContent > 0")
+            await dark.wait_for_function("() => document.querySelector('#chart-throughput b').textContent > 0")
             await picture(dark, "live-page-dark")
             await dark.close()
 

@@ -1,6 +1,7 @@
 // Running charts: lines over the last two minutes, with the newest value in words.
 
-export const SPAN_S = 120;
+const SPAN_S = 120;
+const LEAST_SPAN_S = 30;
 const INK = ["--line-a", "--line-b"];
 
 // `lines` are arrays of [x, y]; the second one is dashed. `marks` are [x, words] for dashed uprights.
@@ -61,19 +62,19 @@ function nice(value) {
 const CHARTS = [
   {
     id: "elapsed", title: "Control cycle", unit: "ms",
-    hint: "time to decide; the next one begins after 100 ms",
+    hint: "time to decide, every 100 ms",
     lines: (history) => [history.map((past) => [past.time_s, past.elapsed_ms])],
     value: (traffic) => median(traffic.history.slice(-50).map((past) => past.elapsed_ms))?.toFixed(1),
   },
   {
     id: "throughput", title: "Throughput", unit: "veh/min",
-    hint: "vehicles that left the conflict zone, mean of 20 s",
+    hint: "past the conflict zone, mean of 20 s",
     lines: (history) => [over(history, (grown, span_s) => (60 * grown.crossed_total) / span_s)],
     value: (traffic) => rate(traffic)?.toFixed(0),
   },
   {
     id: "waiting", title: "Waiting", unit: "vehicles",
-    hint: "not cleared yet; dashed: standing, whatever for",
+    hint: "not cleared yet; dashed: standing",
     lines: (history) => [
       history.map((past) => [past.time_s, past.waiting]),
       history.map((past) => [past.time_s, past.standing]),
@@ -81,8 +82,8 @@ const CHARTS = [
     value: ({ history }) => history[history.length - 1]?.waiting,
   },
   {
-    id: "zone", title: "Time in the zone", unit: "s",
-    hint: "from zone entry until clear of the conflict zone, mean of those who left in 20 s",
+    id: "zone", title: "Time in zone", unit: "s",
+    hint: "from entry until past the conflict zone, mean of 20 s",
     lines: (history) => [over(history, (grown) => grown.in_zone_total_s / grown.crossed_total)],
     value: (traffic) => {
       const [count] = traffic.grown("crossed_total", 20);
@@ -131,9 +132,10 @@ export class Charts {
     const { history } = traffic;
     if (!history.length) return;
     const now_s = history[history.length - 1].time_s;
+    const span_s = Math.min(SPAN_S, Math.max(LEAST_SPAN_S, now_s - history[0].time_s));
     for (const { chart, value, canvas } of this.tiles) {
       value.textContent = chart.value(traffic) ?? "–";
-      drawLines(canvas, chart.lines(history), { from: now_s - SPAN_S, to: now_s });
+      drawLines(canvas, chart.lines(history), { from: now_s - span_s, to: now_s });
     }
   }
 }

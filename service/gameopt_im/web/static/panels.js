@@ -98,7 +98,7 @@ export class Selected {
         <dl></dl>
         <h4>Speed <small>m/s; dashed: the profile it is cleared for</small></h4>
         <canvas class="profile" role="img" aria-label="Speed of the selected vehicle"></canvas>
-        <h4>Master bids <small>one for each weight vector; the winner's is marked</small></h4>
+        <h4>Master bids <small>by weight vector; ★ the winner's</small></h4>
         <ul class="bids"></ul>
       </div>`;
     this.body = card.querySelector(".body");

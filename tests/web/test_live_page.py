@@ -75,6 +75,7 @@ async def opened(where: Browser, url: str, complaints: list[str], **look: Any) -
 
 async def picture(page: Page, name: str) -> None:
     if PICTURES:
+        await page.evaluate("document.activeElement.blur()")
         await page.screenshot(path=Path(PICTURES) / f"{name}.png")
 
 
@@ -115,7 +116,7 @@ def test_it_loads_vehicles_move_and_one_is_selected_by_click_and_by_keyboard() -
         junction, complaints = Junction(), list[str]()
         async with AsyncExitStack() as stack:
             await stack.enter_async_context(junction.manager())
-            await stack.enter_async_context(junction.vehicles(40))
+            await stack.enter_async_context(junction.vehicles(70))
             window = await stack.enter_async_context(chromium())
             page = await opened(window, junction.url, complaints, viewport=LAPTOP)
             await expect(page.locator("#link")).to_have_text("live")
@@ -139,12 +140,16 @@ def test_it_loads_vehicles_move_and_one_is_selected_by_click_and_by_keyboard() -
             await expect(page.locator("#candidates tr.won")).to_have_count(1)
             await expect(page.locator("#why")).to_contain_text("won")
             await page.wait_for_function("() => document.querySelector('#chart-throughput b').textContent > 0")
+            await page.keyboard.press("End")
             await picture(page, "live-page")
             await page.close()
 
             dark = await opened(window, junction.url, complaints, viewport=LAPTOP, color_scheme="dark")
             await moves(dark)
             await dark.wait_for_function("() => document.querySelector('#chart-throughput b').textContent > 0")
+            await dark.focus("#order")
+            await dark.keyboard.press("End")
+            await expect(dark.locator("#selected .bids li").first).to_be_visible()
             await picture(dark, "live-page-dark")
             await dark.close()
 

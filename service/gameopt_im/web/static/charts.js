@@ -14,7 +14,7 @@ export function drawLines(canvas, lines, { from, to, least = 0, most, marks = []
   const ink = canvas.getContext("2d");
   const style = getComputedStyle(document.documentElement);
   ink.scale(ratio, ratio);
-  const top = most ?? nice(Math.max(1e-9, ...lines.flat().map(([, y]) => y)));
+  const top = most ?? nice(Math.max(1, ...lines.flat().map(([, y]) => y)));
   const [left, right, up, down] = [30, width - 4, 8, height - 6];
   const xOf = (x) => left + ((x - from) / (to - from)) * (right - left);
   const yOf = (y) => down - ((Math.min(y, top) - least) / (top - least)) * (down - up);

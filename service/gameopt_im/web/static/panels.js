@@ -164,10 +164,10 @@ export class Selected {
     const most = Math.max(...detail.bids, 1e-9);
     list.replaceChildren(...detail.bids.map((bid, k) => {
       const row = item("");
-      const bar = document.createElement("meter");
-      Object.assign(bar, { min: 0, max: most, value: Math.max(0, bid) });
+      const bar = document.createElement("progress");
+      Object.assign(bar, { max: most, value: Math.max(0, bid) });
       bar.setAttribute("aria-hidden", "true");
-      row.append(`${k + 1}`, bar, bid.toFixed(3));
+      row.append(`${k === used ? "★" : ""}${k + 1}`, bar, bid.toFixed(3));
       row.title = weightWords(hello.weights[k]);
       row.classList.toggle("won", k === used);
       return row;

@@ -133,8 +133,9 @@ class Pool(Generic[Job, Result]):
             if until_s is None:
                 await self.idle()
             await self._hand_out(call)
-            async with asyncio.timeout_at(deadline_s):
-                await call.done
+            if call.open:
+                async with asyncio.timeout_at(deadline_s):
+                    await call.done
         except TimeoutError:
             self.counts.late += len(call.open)
         finally:
@@ -154,7 +155,8 @@ class Pool(Generic[Job, Result]):
         for each, places in zip(free, shares, strict=True):
             if places:
                 self._send(each, call, places)
-        await asyncio.sleep(0)  # the loop writes before this process is busy
+        if any(shares):
+            await asyncio.sleep(0)  # the loop writes before this process is busy
         for place in here:
             begun = self._here is not None and (call.until_s is None or time.monotonic() < call.until_s)
             result, fault = worker.run(self._here, call.jobs[place]) if self._here and begun else (None, None)

@@ -206,6 +206,8 @@ def bench(
 
     logs.configure("text")
     parameters = config.load(config_file)
+    service = msgspec.structs.replace(parameters.service, max_vehicles=MOST_VEHICLES)
+    parameters = msgspec.structs.replace(parameters, service=service)  # all that are asked for are to be managed
     options = ServeOptions(
         map=read_map(map_path, None),
         parameters=parameters,

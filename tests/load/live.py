@@ -173,7 +173,12 @@ class Measured:
             Line("round trip, p50", trip["p50_ms"], " ms"),
             Line("round trip, p99", trip["p99_ms"], " ms", TRIP_P99_MS if held else None),
             Line("round trip, max", trip["max_ms"], " ms"),
-            Line("states unanswered", trip["unanswered"]),
+            Line(
+                "states unanswered",
+                round(100.0 * trip["unanswered"] / max(1, trip["count"] + trip["unanswered"]), 2),
+                " %",
+                1,
+            ),
             Line("commands lost", way["commands_lost"]),
             Line("fallbacks", report["fallbacks"]),
             Line("steps the vehicles were late for", report["late_steps"]),

@@ -137,7 +137,8 @@ async def _recorded(bench: Bench, path: Path) -> Measured:
     options = replace(options_of(recording), workers=bench.options.workers)
     reports: list[CycleReport] = []
     async with solver_of(options) as pool:
-        manager = Manager(options, 1, pool)
+        # Under another term the vehicles' clearances would be foreign: all of them would be taken for intruders.
+        manager = Manager(options, recording.charter.term, pool)
         with _unseen(None) as seen:
             for recorded in recording.cycles():
                 tick = recorded.tick

@@ -204,7 +204,7 @@ class Bus:
         if len(self._queue) >= MAX_QUEUED or self._queued_bytes >= MAX_QUEUED_BYTES:
             self.overflow += 1
             return
-        self._queued_bytes += len(raw.payload)
+        self._queued_bytes += len(raw.payload) + len(raw.key)
         self._queue.append(raw)
         if not self._woken:
             self._woken = True

@@ -176,6 +176,9 @@ def serve(
     "--map", "map_path", type=FILE, show_default="the packaged four-arm map", help="Where: FILE.net.xml or FILE.json."
 )
 @click.option("--recording", type=FILE, multiple=True, show_default=False, help="Measure on this FILE.mcap, too.")
+@click.option(
+    "--config", "config_file", type=FILE, show_default=False, help="Parameters, TOML (docs/configuration.md)."
+)
 @click.option("--candidates", type=click.IntRange(1, 64), metavar="K", default=8, help="Candidate sequences.")
 @click.option("--workers", type=click.IntRange(0, MOST_WORKERS), metavar="N", default=1, help="Solver processes.")
 @click.option("--cycles", type=click.IntRange(1), default=2000, help="Control cycles of each number of vehicles.")
@@ -189,6 +192,7 @@ def bench(
     *,
     vehicles: tuple[int, ...],
     map_path: Path | None,
+    config_file: Path | None,
     recording: tuple[Path, ...],
     candidates: int,
     workers: int,
@@ -201,7 +205,9 @@ def bench(
     from rich.console import Console
 
     logs.configure("text")
-    parameters = config.load(None)
+    parameters = config.load(config_file)
+    service = msgspec.structs.replace(parameters.service, max_vehicles=MOST_VEHICLES)
+    parameters = msgspec.structs.replace(parameters, service=service)  # all that are asked for are to be managed
     options = ServeOptions(
         map=read_map(map_path, None),
         parameters=parameters,

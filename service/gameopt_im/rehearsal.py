@@ -73,6 +73,9 @@ class Rehearsal:
 
     def obey(self, commands: list[Command]) -> None:
         """Drive for a control cycle as commanded; then who has left is replaced."""
+        for waiting in self._extras.values():
+            if waiting.x < 0.0 and waiting.clearance is None:  # and without a command: it brakes
+                waiting.target = max(0.0, waiting.v - BODIES[waiting.kind][4] * STEP_S)
         for command in commands:
             extra = self._extras.get(command.vehicle)
             if extra is None:

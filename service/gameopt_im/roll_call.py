@@ -11,29 +11,31 @@ class RollCall:
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
-        self._complete = asyncio.Event()
-        self._awaited: set[str] = set()
+        self._call: tuple[set[str], asyncio.Event] | None = None
 
     async def heard_all(self, whom: Collection[str], most_s: float) -> bool:
         """Returns once all of these keys have been crossed out, or False after `most_s`.
 
         What was crossed out before the call does not count.
         """
-        self._complete.clear()
-        self._awaited = set(whom)
+        complete = asyncio.Event()
+        self._call = set(whom), complete
         try:
             async with asyncio.timeout(most_s):
-                await self._complete.wait()
+                await complete.wait()
         except TimeoutError:
             return False
         finally:
-            self._awaited = set()
+            self._call = None
         return True
 
     def heard(self, key: str) -> None:
         """Cross one out, whether it is waited for or not; from any thread."""
-        awaited = self._awaited  # another call may begin meanwhile: then this one comes to nothing
+        call = self._call
+        if call is None:
+            return
+        awaited, complete = call  # of one call: another may begin meanwhile, which is not told
         if key in awaited:
             awaited.discard(key)
             if not awaited:
-                self._loop.call_soon_threadsafe(self._complete.set)
+                self._loop.call_soon_threadsafe(complete.set)

@@ -108,4 +108,4 @@ def charter_of(options: ServeOptions, term: int) -> Charter:
 
 def solver_of(options: ServeOptions) -> Solver:
     """What solves the programs of the profile, warmed on them."""
-    return contest.solver_for(options.profile, options.workers, options.parameters.program)
+    return contest.solver_for(options.profile, options.workers, options.parameters)

@@ -9,7 +9,7 @@ Theory of operation. A vehicle is tracked from its first state (its zone entry) 
     lost    silent for `hold_s`: it held a clearance, or may have stood in the conflict zone, and was kept as
             silent until now; nobody knows where it is
 
-Between states a vehicle is predicted (`tracked.predict`), and marked silent once its state is too old.
+Between states a vehicle is predicted (`tracking.predicted`), and marked silent once its state is too old.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ async def warm_up(options: ServeOptions) -> None:
     started = time.perf_counter()
     log.info("warming up; the first run on a machine compiles for about a minute")
     rehearsal = replace(options, workers=0, clock="lockstep", record=None)
-    async with contest.solver_for(rehearsal.profile, 0, rehearsal.parameters.program) as pool:
+    async with contest.solver_for(rehearsal.profile, 0, rehearsal.parameters) as pool:
         manager = Manager(rehearsal, 0, pool)
         traffic = Rehearsal(options.map, 2 * len(options.map.movements))
         for cycle in range(CYCLES):

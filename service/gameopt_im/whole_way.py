@@ -1,4 +1,4 @@
-"""The whole way of a control cycle, from the last state received to the last command handed to Zenoh."""
+"""The whole way of a control cycle, from the moment no later state is taken to the last command handed to Zenoh."""
 
 from __future__ import annotations
 

@@ -30,6 +30,13 @@ WAY_P99_MS = {60: 5.0, 130: 10.0, 260: 25.0}
 """The target for the whole way by number of vehicles; the others hold at the largest."""
 LARGEST = max(WAY_P99_MS)
 WAY_MAX_MS, TRIP_P99_MS, CPU_PERCENT, GROWTH_MB = 60.0, 40.0, 60.0, 5.0
+UNANSWERED_PERCENT = 1.0
+"""Of states, without a command before the next one: they are in no time of the round trip, so they must be few."""
+
+
+def unanswered_percent(trip: dict[str, Any]) -> float:
+    """The share of states that had no command before the next one."""
+    return 100.0 * float(trip["unanswered"]) / max(1, trip["count"] + trip["unanswered"])
 
 
 @dataclass(frozen=True)
@@ -173,7 +180,7 @@ class Measured:
             Line("round trip, p50", trip["p50_ms"], " ms"),
             Line("round trip, p99", trip["p99_ms"], " ms", TRIP_P99_MS if held else None),
             Line("round trip, max", trip["max_ms"], " ms"),
-            Line("states unanswered", trip["unanswered"]),
+            Line("states unanswered", round(unanswered_percent(trip), 2), " %", UNANSWERED_PERCENT if held else None),
             Line("commands lost", way["commands_lost"]),
             Line("fallbacks", report["fallbacks"]),
             Line("steps the vehicles were late for", report["late_steps"]),

@@ -140,6 +140,24 @@ def test_if_the_favourite_has_no_solution_the_others_are_tried() -> None:
     assert contest.counts == Counts(solved=1, failed=1)
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_who_solves_makes_no_difference(workers: int) -> None:
+    """Forty vehicles: more than this process keeps for itself."""
+    random = np.random.default_rng(3)
+    counts, trails = horizon.platoons([10] * 4)
+    n, h = 40, len(RULES.blocks)
+    s = np.concatenate([np.cumsum(random.uniform(12.0, 40.0, 10)) for _ in range(4)])
+    task = HorizonTask(
+        counts=counts, s=s, v=random.uniform(5.0, 15.0, n), length=np.full(n, 5.0), a=np.full(n, 2.0),
+        b=np.full(n, 4.5), top=np.full(n, 20.0), line_cap=np.full(n, 20.0), ps=np.ones(n), pv=np.ones(n),
+        room=np.full((n, h), NEVER), trails=trails,
+    )  # fmt: skip
+    made = [HorizonJob(task, RULES, s / 12.0 + k, PLAY_MPS, Stake(10.0, 0.01, 0.0)) for k in range(3)]
+    alone, together = outcome_of(Contest(0), made), outcome_of(Contest(workers), made)
+    assert winner(made, alone) is not None
+    assert winner(made, together) == winner(made, alone)
+
+
 def test_nobody_to_plan_is_no_contest() -> None:
     assert outcome_of(Contest(0), []) == []
 

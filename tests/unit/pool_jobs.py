@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 
-def solve(job: tuple[str, Any]) -> Any:
-    """Do the job named first with what comes second."""
-    kind, value = job
+def solve(job: tuple[Any, ...]) -> Any:
+    """Do the job named first with what comes second; a weight may come third."""
+    kind, value = job[:2]
     return JOBS[kind](value)
 
 

@@ -8,14 +8,19 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from structlog.testing import capture_logs
 
+from gameopt_im import bench as benchmark
 from gameopt_im import cli
-from gameopt_im.bench import DECISION, PERCENTILES, WITHOUT, Results
-from gameopt_im.core.parameters import Parameters, Program
+from gameopt_im.bench import DECISION, PERCENTILES, SETTLING_CYCLES, WITHOUT, Results
+from gameopt_im.clock import Tick
+from gameopt_im.core.parameters import Parameters
 from gameopt_im.inbox import Raw
 from gameopt_im.manager import Manager
 from gameopt_im.options import ServeOptions
+from gameopt_im.recorder import Recorder
 from gameopt_im.rehearsal import Rehearsal
+from gameopt_im.service import charter_of
 from gameopt_im.solver.contest import solver_for
 from gameopt_sumo.network import packaged_map
 from gameopt_wire import codec
@@ -33,7 +38,7 @@ def test_made_up_traffic_crosses_and_is_kept_up() -> None:
     seen: Counter[str] = Counter()
 
     async def drive() -> None:
-        async with solver_for("default", 0, Program()) as pool:
+        async with solver_for("default", 0, Parameters()) as pool:
             manager = Manager(options, 1, pool)
             for cycle in range(1, 600):
                 messages = traffic.messages(cycle * STEP_S)
@@ -77,3 +82,25 @@ def test_numbers_that_cannot_be_made_up_are_one_line(vehicles: str, capsys: pyte
     said = capsys.readouterr().err
     assert "whole numbers from 1 to 2000" in said
     assert said.count("\n") == 1
+
+
+def test_a_recording_is_decided_under_its_own_term(tmp_path: Path) -> None:
+    """Under another one every vehicle on a clearance would be taken for an intruder."""
+    options = ServeOptions(map=packaged_map(), parameters=Parameters(), workers=0, clock="lockstep")
+    path, traffic = tmp_path / "run.mcap", Rehearsal(options.map, 8)
+
+    async def record() -> None:
+        async with solver_for("default", 0, Parameters()) as pool:
+            manager = Manager(options, 7, pool)
+            with Recorder(path, charter_of(options, 7), options.parameters, ()) as recorder:
+                for cycle in range(1, SETTLING_CYCLES + 50):
+                    tick = Tick(cycle, cycle * STEP_S, traffic.messages(cycle * STEP_S))
+                    outcome = await manager.control_cycle(tick.cycle, tick.time_s, tick.messages)
+                    recorder.record(tick, outcome.commands)
+                    traffic.obey(outcome.commands)
+
+    asyncio.run(record())
+    with capture_logs() as said:
+        results = asyncio.run(benchmark.run(benchmark.Bench(options, (2,), [path], 1, ratios=False)))
+    assert results.measured[-1].cycles == 49
+    assert [each["event"] for each in said if each["log_level"] == "warning"] == []

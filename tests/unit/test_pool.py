@@ -269,3 +269,61 @@ def test_candidates_come_out_the_same_bits_for_any_number_of_workers() -> None:
         for found in results
     ]
     assert bits[0] == bits[1] == bits[2]
+
+
+LIGHT, HEAVY = 1.0, 100.0
+
+
+def shared(test: Test, workers: int) -> Counts:
+    """Run a test in a pool that shares with its workers; the weight of a job comes third."""
+
+    async def inside() -> Counts:
+        async with Pool[Any, Any](workers, SOLVE, [("echo", 0)], weigh=lambda job: float(job[2])) as pool:
+            await test(pool)
+            return pool.counts
+
+    with asyncio.Runner(debug=True) as runner:
+        return runner.run(inside())
+
+
+def test_light_jobs_are_done_in_this_process_and_heavy_ones_shared() -> None:
+    async def test(pool: Pool[Any, Any]) -> None:
+        here = os.getpid()
+        assert {each[0] for each in await pool.solve([("process", None, LIGHT)] * 3)} == {here}
+        spread = [each[0] for each in await pool.solve([("process", None, HEAVY)] * 4)]
+        assert spread.count(here) == 2
+        assert len(set(spread)) == 2
+        assert await pool.solve([("echo", k, HEAVY) for k in range(7)], in_s(60.0)) == list(range(7))
+
+    assert shared(test, 1) == Counts(solved=14)
+
+
+def test_nothing_of_the_own_share_is_begun_after_the_deadline(tmp_path: Path) -> None:
+    async def test(pool: Pool[Any, Any]) -> None:
+        marks = [tmp_path / f"{k}" for k in range(2)]
+        assert await pool.solve([("touch", str(mark), LIGHT) for mark in marks], in_s(-1.0)) == [None, None]
+        assert not any(mark.exists() for mark in marks)
+
+    assert shared(test, 1) == Counts(late=2)
+
+
+def test_with_its_worker_late_this_process_does_all_until_the_deadline(fifo: Path) -> None:
+    async def test(pool: Pool[Any, Any]) -> None:
+        late, light = ("wait", str(fifo), LIGHT), ("echo", 0, 4 * HEAVY)  # the heavier is this process's
+        assert await pool.solve([light, ("echo", 1, HEAVY), late], in_s(SOON_S)) in ([0, 1, None], [0, None, None])
+        assert await pool.solve([("echo", 2, HEAVY), ("echo", 3, HEAVY)], in_s(60.0)) == [2, 3]
+        await asyncio.to_thread(fifo.write_text, "too late")
+        await pool.idle()
+
+    shared(test, 1)
+
+
+def test_a_worker_that_dies_while_this_process_is_at_its_own_share_is_replaced() -> None:
+    async def test(pool: Pool[Any, Any]) -> None:
+        assert await pool.solve([("echo", 1, HEAVY), ("die", None, HEAVY)]) == [1, None]
+        assert sorted(each[0] == os.getpid() for each in await pool.solve([("process", None, HEAVY)] * 2)) == [
+            False,
+            True,
+        ]
+
+    assert shared(test, 1).lost_workers == 2

@@ -265,8 +265,17 @@ def first_speeds(task: HorizonTask, rules: HorizonRules, u: Floats) -> Floats:
 
 def objective(task: HorizonTask, rules: HorizonRules, u: Floats) -> float:
     """J of a solution (n * H,): `eq:J2` summed over the horizon, (m/s)^2."""
-    speeds = u.reshape(len(task.s), -1)
-    change = np.diff(speeds, axis=1, prepend=task.v[:, None])
-    fast = rules.trade_off * task.ps * np.sum((speeds - task.top[:, None]) ** 2, axis=1)
-    steady = (1.0 - rules.trade_off) * task.pv * np.sum(change**2, axis=1)
-    return float(np.sum(fast + steady))
+    return _objective(u.reshape(len(task.s), -1), task.v, task.top, task.ps, task.pv, rules.trade_off)
+
+
+@kernel
+def _objective(u: Floats, v: Floats, top: Floats, ps: Floats, pv: Floats, trade_off: float) -> float:
+    total = 0.0
+    for i in range(u.shape[0]):
+        before, fast, steady = v[i], 0.0, 0.0
+        for speed in u[i]:
+            fast += (speed - top[i]) ** 2
+            steady += (speed - before) ** 2
+            before = speed
+        total += trade_off * ps[i] * fast + (1.0 - trade_off) * pv[i] * steady
+    return total

@@ -11,12 +11,13 @@ Platoons share no row, so a candidate's are programs of their own, solved side b
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Sequence
 from typing import Any, Self, TypeAlias
 
 import numpy as np
 
-from gameopt_im.core.parameters import Program
+from gameopt_im.core.parameters import Parameters
 from gameopt_im.solver import horizon_job, jobs
 from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome, PlatoonJob, PlatoonSolution, WarmUp
 from gameopt_im.solver.pool import Counts, Pool
@@ -32,8 +33,8 @@ class Contest:
     `counts` are those of the platoons' programs; what was not worth solving is in none of them.
     """
 
-    def __init__(self, workers: int, settings: Program | None = None) -> None:
-        self._example = horizon_job.warm_up(settings or Program())
+    def __init__(self, workers: int, parameters: Parameters | None = None) -> None:
+        self._example = horizon_job.warm_up(parameters or Parameters())
         warm_up = [WarmUp(each) for each in self._example.programs()]
         self._pool = Pool[PlatoonJob, PlatoonSolution](workers, jobs.SOLVE, warm_up, weigh=lambda job: len(job.values))
 
@@ -76,13 +77,14 @@ class Contest:
 
         That a platoon has no solution is known only if none was late or lost: then another try may find it.
         """
+        until_s = None if deadline_s is None else time.monotonic() + deadline_s - _now()
         fresh: dict[Met, PlatoonJob] = {}
         for candidate in candidates:
             met = candidate.met()
             hopeless = any(key in known and known[key] is None for key in met)
             missing = {key for key in met if key not in known and key not in fresh}
             if missing and not hopeless:
-                fresh |= {key: job for key, job in zip(met, candidate.programs(), strict=True) if key in missing}
+                fresh |= {key: job for key, job in zip(met, candidate.programs(until_s), strict=True) if key in missing}
         missed = self._missed()
         solved = dict(zip(fresh, await self._pool.solve(list(fresh.values()), deadline_s), strict=True))
         certain = self._missed() == missed
@@ -121,6 +123,6 @@ Solver: TypeAlias = Contest | Pool[Any, Any]
 """Whatever solves the programs of a control cycle; an async context."""
 
 
-def solver_for(profile: Profile, workers: int, settings: Program) -> Solver:
+def solver_for(profile: Profile, workers: int, parameters: Parameters) -> Solver:
     """The solver of a profile, warmed on its programs."""
-    return Contest(workers, settings) if profile == "default" else Pool(workers, jobs.SOLVE, jobs.warm_up())
+    return Contest(workers, parameters) if profile == "default" else Pool(workers, jobs.SOLVE, jobs.warm_up())

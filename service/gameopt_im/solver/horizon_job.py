@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,7 +14,7 @@ import numpy as np
 from gameopt_im.core import duality, horizon
 from gameopt_im.core.horizon import LONGEST, HorizonRules, HorizonTask, Start
 from gameopt_im.core.kinematics import manner_of
-from gameopt_im.core.parameters import Planner, Program
+from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.planning import Stake
 from gameopt_im.core.snapshot import Floats
 from gameopt_im.solver.jobs import Outcome
@@ -66,11 +67,11 @@ class HorizonJob:
             for number, (first, end) in enumerate(_parts(self.task.counts))
         ]
 
-    def programs(self) -> list[PlatoonJob]:
+    def programs(self, until_s: float | None = None) -> list[PlatoonJob]:
         """Its programs, which different workers may solve."""
         values = horizon.build(self.task, self.rules, self.slots, self.start)
         return [
-            PlatoonJob(values[first:end], self.rules.blocks, self.residual_mps)
+            PlatoonJob(values[first:end], self.rules.blocks, self.residual_mps, until_s)
             for first, end in _parts(self.task.counts)
         ]
 
@@ -119,11 +120,15 @@ class PlatoonJob(NamedTuple):
     values: Floats
     blocks: tuple[float, ...]
     residual_mps: float
+    until_s: float | None = None
+    """On the monotonic clock: after this there is no time for the safe attempt, which can take ten times as long."""
 
     def solve(self) -> PlatoonSolution | None:
         """The solution by the quick step size, or else by the safe one from zero multipliers: those may be at fault."""
         qp, x, duals = horizon.program(self.values, self.blocks, COST_SCALE)
         for workspace, y in zip(_workspaces(self.residual_mps), (duals, None), strict=True):
+            if y is None and self.until_s is not None and time.monotonic() >= self.until_s:
+                return None
             solution = workspace.solve(qp.A.shape, qp, x, y, _row_lengths(*qp.A.shape))
             if solution is not None:
                 count, h = len(self.values), len(self.blocks)
@@ -161,8 +166,9 @@ class WarmUp(NamedTuple):
             workspace.solve(qp.A.shape, qp, x, y, _row_lengths(*qp.A.shape))
 
 
-def warm_up(settings: Program) -> HorizonJob:
+def warm_up(parameters: Parameters) -> HorizonJob:
     """A job with a platoon of every size: what this process and a worker will need is compiled, or loaded, for it."""
+    settings = parameters.program
     counts = tuple(range(1, LONGEST + 1))
     n, h = sum(counts), len(settings.blocks_s)
     one = np.ones(n)
@@ -180,5 +186,5 @@ def warm_up(settings: Program) -> HorizonJob:
         room=np.full((n, h), 1e9),
         trails=np.zeros(n, dtype=np.bool_),
     )
-    rules = HorizonRules(settings.blocks_s, settings.lambda_, settings.rear_gap_m, manner_of(Planner()))
+    rules = HorizonRules(settings.blocks_s, settings.lambda_, settings.rear_gap_m, manner_of(parameters.planner))
     return HorizonJob(task, rules, 0.1 * task.s, settings.residual_mps)

@@ -133,8 +133,9 @@ class Pool(Generic[Job, Result]):
             if until_s is None:
                 await self.idle()
             await self._hand_out(call)
-            async with asyncio.timeout_at(deadline_s):
-                await call.done
+            if call.open:
+                async with asyncio.timeout_at(deadline_s):
+                    await call.done
         except TimeoutError:
             self.counts.late += len(call.open)
         finally:
@@ -148,14 +149,18 @@ class Pool(Generic[Job, Result]):
             await self._changed.wait()
 
     async def _hand_out(self, call: _Call[Job, Result]) -> None:
-        """One batch for each free worker, and the rest to this process; with nobody free nothing will come in time."""
+        """One batch for each free worker, and the rest to this process; without `weigh` that has none of its own.
+
+        Between its own jobs the loop has its turn: it writes what does not fit into a socket at once.
+        """
         free = [each for each in self._workers if not each.owes]
         here, *shares = self._shares(call.jobs, len(free))
         for each, places in zip(free, shares, strict=True):
             if places:
                 self._send(each, call, places)
-        await asyncio.sleep(0)  # the loop writes before this process is busy
         for place in here:
+            if any(shares):
+                await asyncio.sleep(0)
             begun = self._here is not None and (call.until_s is None or time.monotonic() < call.until_s)
             result, fault = worker.run(self._here, call.jobs[place]) if self._here and begun else (None, None)
             self._settle(call, Answer(call.number, place, result, fault, begun or call.until_s is None))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 
-SENDING = 6.0
+SENDING = 12.0
 """The weight of a batch's way to a worker and back: what is lighter is done here before an answer could be there."""
 
 

@@ -7,6 +7,7 @@ new, reused or made again after it was dropped gives the same bits (`tests/unit/
 
 from __future__ import annotations
 
+import signal
 from collections import OrderedDict
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
@@ -172,6 +173,8 @@ class _Kept:
         """(x, y, iterations) from `start` and `duals`; x is not a number where the solver gives none."""
         self._solver.warm_start(start, duals / self._scale)
         self._solver.solve()
+        if self._solver.info.status_val == osqp.osqp_status_type.OSQP_SIGINT.value:
+            signal.raise_signal(signal.SIGINT)  # the solver caught it: it is somebody else's to answer
         found = self._solver.solution  # x and y are the solver's own memory
         return np.array(found.x), found.y * self._scale, int(self._solver.info.iter)
 

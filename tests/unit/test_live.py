@@ -222,10 +222,12 @@ def test_a_viewer_that_does_not_read_keeps_nobody_waiting(shown: tuple[Outcome, 
         async with Served() as served, served.session.ws_connect(f"{served.url}/live") as page:
             assert (await page.receive_json())["type"] == "hello"
             writer = await served.deaf_viewer()
+            long_report = msgspec.structs.replace(shown[0].report, stages_ms={f"stage {k}": 1.0 for k in range(5000)})
+            big = dataclasses.replace(shown[0], report=long_report)  # what the system buffers is soon full
             cycle = 0
             while not any(viewer.skipped for viewer in served.hub._viewers):
                 cycle += 1
-                served.show(later(shown[0], cycle), shown[1])
+                served.show(later(big, cycle), shown[1])
                 assert (await page.receive_json())["cycle"] == cycle
             writer.close()
 

@@ -14,7 +14,7 @@ help:
 	@echo "make test-web the live page in a real browser, which it installs where there is none"
 	@echo "make lint     ruff, mypy, import-linter"
 	@echo "make explore  the property tests on new random cases, many more of them"
-	@echo "make bench    how long decisions take, on recorded and on made-up traffic; ten minutes"
+	@echo "make bench    how long decisions take, on recorded and on made-up traffic, then make load; half an hour"
 	@echo "make growth   how decisions grow from 50 to 1,000 vehicles on a junction of 48 lanes; five minutes; out/growth"
 	@echo "make load     the live service at 60, 130 and 260 vehicles against its targets; 20 minutes; out/load/load.md"
 	@echo "make figures  the measured tables of docs/results; takes hours"
@@ -40,8 +40,9 @@ lint: .venv/installed-dev
 explore: .venv/installed-dev
 	$(BIN)/pytest tests/property tests/unit --hypothesis-profile=explore
 
-bench: .venv/installed
+bench: .venv/installed-dev
 	$(BIN)/python tests/load/bench.py
+	$(BIN)/python tests/load/live.py
 
 growth: .venv/installed
 	$(BIN)/python tests/load/growth.py

@@ -257,9 +257,7 @@ class Fleet:
             movement,
             self._road.map.lanes[movement.lane],
             seed=settings.seed,
-            setback_m=movement.setback_m[self._road.map.footprint_of(seen.length_m, seen.width_m)]
-            if movement.setback_m
-            else 0.0,
+            setback_m=self._road.map.setback_of(movement, seen.length_m, seen.width_m),
             strategy=settings.strategy,
             aggressiveness=settings.aggressiveness.get(seen.vehicle_class),
             turn_speed=settings.turn_speed,

@@ -52,7 +52,6 @@ def test_on_the_exit() -> None:
 
 def test_exit_ways_are_nobodys_reservations() -> None:
     """They are driven in rows of the book; who has which is the scene's to know, not the book's."""
-    book, ids = Book(), ("a", "b")
-    made = picture_of(snapshot(s=[-CLEAR_X - 60.0, -CLEAR_X - 20.0], v=[SPEED_MPS] * 2, ids=ids), book)
-    assert (made.scene.way >= 0).all()
-    assert (book.rows_of(ids) == LOOSE).all()
+    book, cars = Book(), snapshot(s=[-CLEAR_X - 60.0, -CLEAR_X - 20.0], v=[SPEED_MPS] * 2)
+    assert (picture_of(cars, book).scene.way >= 0).all()
+    assert (book.rows_of(cars.ids) == LOOSE).all()

@@ -167,7 +167,7 @@ class Fleet:
     def _send_due(self) -> int:
         due = self._uplink.due(self._clock_s())
         for key, payload, asks in due:
-            if asks is not None:
+            if asks is not None and asks[0] in self._members:  # a delayed state of who has left waits for nothing
                 self.tally.round_trips.asked(*asks, time.monotonic())
             self._bus.put(key, payload, self._mark)
         self.tally.sent += len(due)

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 
 from gameopt_im.tracked import Tracked
 from gameopt_wire.messages import State
+from gameopt_wire.motion import could_stop
 
 ENDLESS = 3
 """Nobody at all is taken in beyond so many times as many: no junction has so many that cannot stop."""
@@ -18,7 +19,7 @@ ENDLESS = 3
 
 def can_wait(state: State) -> bool:
     """Whether a vehicle follows no clearance and could come to a stand before its line."""
-    return state.accepted is None and state.speed_mps**2 <= 2.0 * state.max_decel_mps2 * state.distance_m
+    return state.accepted is None and could_stop(state.distance_m, state.speed_mps, state.max_decel_mps2)
 
 
 def refused(newcomers: Iterable[Tracked], excess: int) -> set[str]:

@@ -18,7 +18,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from gameopt_im import recorder
-from gameopt_im.benchmarks import growth, pairs, ratios, solvers
+from gameopt_im.benchmarks import growth, moments, pairs, ratios, solvers
 from gameopt_im.benchmarks.growth import Growth
 from gameopt_im.benchmarks.moments import SETTLING_CYCLES
 from gameopt_im.benchmarks.pairs import Ratio
@@ -185,7 +185,7 @@ def _measured(name: str, reports: Sequence[CycleReport]) -> Measured:
 def _stages(reports: Sequence[CycleReport]) -> dict[str, dict[str, float]]:
     """Percentiles of every stage, and of what they come to between snapshot and commands."""
     times = {stage: np.array([report.stages_ms[stage] for report in reports]) for stage in reports[-1].stages_ms}
-    decision = np.sum([each for stage, each in times.items() if stage != "ingest"], axis=0)
+    decision = np.array([moments.decision_ms(report) for report in reports])
     times |= {DECISION: decision, WITHOUT: decision - times["programs"]}
     return {
         stage: {name: round(float(np.percentile(each, share)), 3) for name, share in PERCENTILES.items()}

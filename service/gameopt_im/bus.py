@@ -198,7 +198,7 @@ class Bus:
         if sample.kind == zenoh.SampleKind.DELETE:
             key = str(sample.key_expr)
             self._append(Raw("gone", b"", key))
-            self._roll_call.heard(keys.of_vehicle(self._intersection, "state", keys.vehicle_of(key)))
+            self._roll_call.gone(keys.of_vehicle(self._intersection, "state", keys.vehicle_of(key)))
 
     def _append(self, raw: Raw) -> None:
         if len(self._queue) >= MAX_QUEUED or self._queued_bytes >= MAX_QUEUED_BYTES:
@@ -222,12 +222,13 @@ class Bus:
         """Returns once there is something to drain."""
         await self._arrived.wait()
 
-    async def all_heard(self, whom: Collection[str], most_s: float) -> bool:
-        """Returns once all of these keys of states have been heard, or their vehicles are gone; False after `most_s`.
+    def call_roll(self, whom: Collection[str], since_s: float) -> None:
+        """From now on waits for states under these keys, from `since_s` of the epoch, or for their vehicles to go."""
+        self._roll_call.begin(whom, since_s)
 
-        What came before the call does not count.
-        """
-        return await self._roll_call.heard_all(whom, most_s)
+    async def all_heard(self, most_s: float) -> bool:
+        """Returns once everybody called has been heard or is gone, or False after `most_s`."""
+        return await self._roll_call.complete(most_s)
 
     def publish_commands(self, commands: Iterable[Command]) -> None:
         """Sends every command to its vehicle."""

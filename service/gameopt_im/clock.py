@@ -34,8 +34,11 @@ class Source(Protocol):
     async def arrival(self) -> None:
         """Returns once there is something to drain."""
 
-    async def all_heard(self, whom: Collection[str], most_s: float) -> bool:
-        """Returns once states under all of these keys have come, or False after `most_s`."""
+    def call_roll(self, whom: Collection[str], since_s: float) -> None:
+        """From now on waits for a state under each of these keys, from `since_s` of the epoch."""
+
+    async def all_heard(self, most_s: float) -> bool:
+        """Returns once everybody called has been heard, or False after `most_s`."""
 
 
 class Tick(NamedTuple):
@@ -113,6 +116,8 @@ class WallClock:
         self._sleep = sleep
         self._last: int | None = None
         self._heard: set[str] = set()
+        self._called: int | None = None
+        """The control cycle whose states are waited for."""
 
     async def next_cycle(self) -> Tick:
         """Sleeps until the next control cycle is due."""
@@ -125,24 +130,33 @@ class WallClock:
         self._last, self.late_s = cycle, max(0.0, late_s)
         messages, _ = split_steps(self._source.drain())
         self._heard = {raw.key for raw in messages if raw.kind == "state"}
+        self._call_roll(cycle + 1)
         left_s = self._grid.time_s(cycle + 1) - self._now()
         return Tick(cycle, self._grid.time_s(cycle), messages, left_s=left_s)
 
     async def _complete(self, cycle: int, left_s: float) -> bool:
         """Sleeps up to `left_s`; whether there is nobody to wait for any longer."""
-        since_s = self._now() - self._grid.time_s(cycle)
-        if self._heard and since_s >= 0.0:
-            if await self._source.all_heard(self._heard, left_s):
-                await self._sleep(min(SETTLE_S, left_s))
-                return True
+        if not self._heard:
+            await self._sleep(left_s)
             return False
-        await self._sleep(-since_s if self._heard else left_s)
-        return False
+        if not await self._source.all_heard(left_s):
+            return False
+        now_s = self._now()
+        settled_s = max(now_s + SETTLE_S, self._grid.time_s(cycle))  # everybody may have left before the grid point
+        await self._sleep(max(0.0, min(settled_s, self._grid.due_s(cycle)) - now_s))
+        return True
+
+    def _call_roll(self, cycle: int) -> None:
+        """Waits for the states of a control cycle, as soon as that is the next: they may come while one overruns."""
+        self._called = cycle
+        self._source.call_roll(self._heard, self._grid.time_s(cycle))
 
     def _plan(self) -> int:
         cycle, missed = self._grid.after(self._now(), self._last)
         self.missed += missed
         self._last = cycle - 1  # all before it are settled
+        if cycle != self._called:
+            self._call_roll(cycle)
         return cycle
 
 

@@ -79,7 +79,7 @@ class Manager:
         self._open: dict[str, LedgerEntry] = {}
         self._stage_started = self._planned = 0.0
         self._stages: dict[str, float] = {}
-        self._solved = 0, 0
+        self._solved = 0, 0, False
         """Programs begun and solved in the last control cycle."""
         self._refused, self._refusing_until = 0, -1
 
@@ -121,11 +121,13 @@ class Manager:
         who = planning.bidders(snapshot, self._ground, self._book, limits, parameters, max(1, effort.candidates))
         proposal = self._strategy.propose(snapshot, self._book, limits, who, self._order, effort)
         self._mark("auction")
+        late_before = self._solver.counts.late
         results = await self._solver.solve(proposal.jobs, self._deadline())
         winner = self._strategy.choose(proposal, results)
         self._mark("programs")
         self._planned = self._stage_started
-        self._solved = len(results), sum(result is not None for result in results)
+        ready = sum(result is not None for result in results)
+        self._solved = len(results), ready, self._solver.counts.late > late_before
 
         concluded = decision.conclude(
             snapshot, self._ground, self._book, picture, who, winner, parameters,

@@ -59,13 +59,15 @@ class Pace:
         self._allowed_s = min(most_s, max(left_s, 0.0))
         return self._allowed_s
 
-    def learn(self, took: Took, begun: int, ready: int) -> None:
-        """What it took, for the next control cycle; `begun` programs of which some were `ready`."""
+    def learn(self, took: Took, begun: int, ready: int, late: bool) -> None:
+        """What it took, for the next control cycle; of the programs `begun` some were `ready`; some were `late`."""
         if self._tried is None:
             return
         load, sequences = self._tried
-        if begun and not ready:  # workers that are still busy with older ones give up at once
+        if not ready and late:  # workers that are still busy with older ones give up at once
             took = took._replace(programs=max(took.programs, self._allowed_s))
+        elif not ready:
+            begun = 0  # that they have no solution says nothing about how long one takes
         done = Done(sequences if load.uncleared else 0, begun, ready)
         self._costs = budget.learned(self._costs, load, done, took)
 

@@ -3,38 +3,44 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Collection
+import time
+from collections.abc import Callable, Collection
 
 
 class RollCall:
     """Keys that are waited for on the event loop, and crossed out by the threads that messages come on."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, now: Callable[[], float] = time.time) -> None:
         self._loop = loop
-        self._call: tuple[set[str], asyncio.Event] | None = None
+        self._now = now
+        self._call: tuple[set[str], float, asyncio.Event] = set(), 0.0, asyncio.Event()
 
-    async def heard_all(self, whom: Collection[str], most_s: float) -> bool:
-        """Returns once all of these keys have been crossed out, or False after `most_s`.
+    def begin(self, whom: Collection[str], since_s: float) -> None:
+        """Waits for these keys from now on, and for no others; what is heard before `since_s` does not count."""
+        self._call = set(whom), since_s, asyncio.Event()
 
-        What was crossed out before the call does not count.
-        """
-        complete = asyncio.Event()
-        self._call = set(whom), complete
+    async def complete(self, most_s: float) -> bool:
+        """Returns once all keys have been crossed out, or False after `most_s`."""
+        _, _, complete = self._call
         try:
             async with asyncio.timeout(most_s):
                 await complete.wait()
         except TimeoutError:
             return False
-        finally:
-            self._call = None
         return True
 
     def heard(self, key: str) -> None:
         """Cross one out, whether it is waited for or not; from any thread."""
-        call = self._call
-        if call is None:
-            return
-        awaited, complete = call  # of one call: another may begin meanwhile, which is not told
+        call = self._call  # one call: another may begin meanwhile, which is not told
+        if self._now() >= call[1]:
+            self._cross_out(key, call)
+
+    def gone(self, key: str) -> None:
+        """As `heard`, at any time: whoever has left will not speak again."""
+        self._cross_out(key, self._call)
+
+    def _cross_out(self, key: str, call: tuple[set[str], float, asyncio.Event]) -> None:
+        awaited, _, complete = call
         if key in awaited:
             awaited.discard(key)
             if not awaited:

@@ -100,6 +100,10 @@ class IntersectionMap(msgspec.Struct, frozen=True, kw_only=True, tag_field="type
         ]
         return min(covering)[1] if covering else max(sizes)[1]
 
+    def setback_of(self, movement: Movement, length_m: float, width_m: float) -> float:
+        """How far short of the line a vehicle of this size waits for a movement, m."""
+        return movement.setback_m[self.footprint_of(length_m, width_m)] if movement.setback_m else 0.0
+
     def covers(self, length_m: float, width_m: float) -> bool:
         """Whether any footprint covers a vehicle; where none does, nobody knows the ground that it needs."""
         return any(f.length_m >= length_m and f.width_m >= width_m for f in self.footprints)

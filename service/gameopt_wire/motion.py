@@ -45,6 +45,11 @@ def stop_speed(s_m: float, v_mps: float, b_mps2: float, dt_s: float) -> float:
     return brake_speed(s_m - STOP_OFFSET_M, v_mps, b_mps2, dt_s, 0.0)
 
 
+def could_stop(s_m: float, v_mps: float, b_mps2: float) -> bool:
+    """Whether a vehicle that far before the line could come to a stand there; one that rides rule 1's curve could."""
+    return v_mps * v_mps <= 2.0 * b_mps2 * s_m
+
+
 def turn_speed(s_m: float, v_mps: float, b_mps2: float, dt_s: float, turn_mps: float) -> float:
     """Rule 3: the turning speed is reached by the stop line, and held beyond it."""
     if s_m <= 0.0:

@@ -70,6 +70,20 @@ MUTANTS = (
         f"{UNIT}/test_granting.py::test_the_worst_case_is_slower_behind_a_braking_leader",
     ),
     Mutant(
+        "who has cleared the zone taken to keep its speed",
+        f"{CORE}/profiles.py",
+        "u = min(v[k] + a * STEP_S, max(v[k], exit_top))",
+        "u = v[k]",
+        f"{UNIT}/test_granting.py::test_who_had_to_creep_is_not_taken_to_creep_on",
+    ),
+    Mutant(
+        "exit ways that are taken for reservations",
+        f"{CORE}/scene.py",
+        "way=row.copy(),",
+        "way=row,",
+        f"{UNIT}/test_worst_cases.py::test_exit_ways_are_nobodys_reservations",
+    ),
+    Mutant(
         "rule 2 always possible",
         f"{CORE}/profiles.py",
         "possible = False",

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 from hostile_world import CLASSES, DT, TERM, Car, Weather, World
 
+from gameopt_im.core.budget import Effort
 from gameopt_im.core.decision import Winner
 from gameopt_im.core.interlock import Limits
 from gameopt_im.core.planning import Bidders
@@ -90,7 +91,7 @@ class Whims:
     rng: np.random.Generator
 
     def propose(
-        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...]
+        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...], effort: Effort
     ) -> Proposal:
         """Remembers whom there is to plan for."""
         return Proposal(who, (snapshot,), (), None)

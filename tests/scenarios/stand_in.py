@@ -91,8 +91,11 @@ class Inbox:
     async def arrival(self) -> None:
         await self._awake.wait()
 
-    async def all_heard(self, whom: Collection[str], most_s: float) -> bool:
-        return await self._roll_call.heard_all(whom, most_s)
+    def call_roll(self, whom: Collection[str], since_s: float) -> None:
+        self._roll_call.begin(whom, since_s)
+
+    async def all_heard(self, most_s: float) -> bool:
+        return await self._roll_call.complete(most_s)
 
 
 class StandIn:

@@ -39,5 +39,4 @@ def test_synthetic_vehicles_are_answered_every_control_cycle(tmp_path: Path) -> 
     assert list(way["stages"]) == STAGES
     assert way["whole"]["max_ms"] >= max(stage["max_ms"] for stage in way["stages"].values())
     assert way["whole"]["p50_ms"] > report["control_cycle"]["p50_ms"] > 0.0  # the decision, and what is round it
-    assert way["late"]["max_ms"] >= 0.0
     assert trip["p50_ms"] > way["whole"]["p50_ms"]

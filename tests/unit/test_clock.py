@@ -28,7 +28,10 @@ class Inbox:
     async def arrival(self) -> None:
         """The next batch is always there."""
 
-    async def all_heard(self, whom: Collection[str], most_s: float) -> bool:
+    def call_roll(self, whom: Collection[str], since_s: float) -> None:
+        """Nobody answers."""
+
+    async def all_heard(self, most_s: float) -> bool:
         raise AssertionError("nobody is waited for")
 
 
@@ -49,19 +52,24 @@ class Hands:
 
 
 class Speaking(Inbox):
-    """A source whose vehicles have all spoken so long after they are waited for; one number a control cycle."""
+    """A source whose vehicles have all spoken so long after the grid point; one number for each that anybody awaits."""
 
     def __init__(self, hands: Hands, after_s: Sequence[float], *batches: list[Raw]) -> None:
         super().__init__(*batches)
         self.whom: list[set[str]] = []
         self._hands = hands
         self._after_s = iter(after_s)
+        self._at_s = 0.0
 
-    async def all_heard(self, whom: Collection[str], most_s: float) -> bool:
-        self.whom.append(set(whom))
-        after_s = next(self._after_s)
-        self._hands.now_s += min(after_s, most_s)
-        return after_s < most_s
+    def call_roll(self, whom: Collection[str], since_s: float) -> None:
+        if whom:
+            self.whom.append(set(whom))
+            self._at_s = since_s + next(self._after_s)
+
+    async def all_heard(self, most_s: float) -> bool:
+        until_s = self._hands.now_s + most_s
+        self._hands.now_s = max(self._hands.now_s, min(self._at_s, until_s))
+        return self._at_s < until_s
 
 
 def wall_clock(hands: Hands, collect_s: float = 0.02, inbox: Inbox | None = None) -> WallClock:
@@ -166,14 +174,33 @@ def test_a_control_cycle_begins_once_everybody_heard_before_is_heard_again() -> 
     assert clock.missed == 0
 
 
-def test_who_spoke_while_the_last_cycle_overran_does_not_make_the_next_one_early() -> None:
+def test_who_spoke_while_the_last_cycle_overran_has_been_heard() -> None:
     hands = Hands(EPOCH_S)
-    inbox = Speaking(hands, [1.0], [state("a")], [state("a")])
+    inbox = Speaking(hands, [0.005, 0.005], [state("a")], [state("a")])
     clock = wall_clock(hands, 0.02, inbox)
     ticks(clock, 1)
     hands.now_s += 0.09  # 10 ms into the next one
     (tick,) = ticks(clock, 1)
-    assert (tick.cycle, hands.now_s) == (EPOCH + 1, pytest.approx(EPOCH_S + 0.12, abs=1e-5))
+    assert (tick.cycle, hands.now_s) == (EPOCH + 1, pytest.approx(EPOCH_S + 0.111, abs=1e-5))
+
+
+def test_when_everybody_has_left_the_next_cycle_begins_at_its_grid_point() -> None:
+    hands = Hands(EPOCH_S)
+    inbox = Speaking(hands, [-0.05, 1.0], [state("a")], [])
+    clock = wall_clock(hands, 0.02, inbox)
+    ticks(clock, 1)
+    (tick,) = ticks(clock, 1)
+    assert (tick.cycle, hands.now_s) == (EPOCH + 1, pytest.approx(EPOCH_S + 0.1, abs=1e-5))
+
+
+def test_after_a_stall_the_states_of_the_cycle_that_is_still_to_come_are_waited_for() -> None:
+    hands = Hands(EPOCH_S)
+    inbox = Speaking(hands, [0.005, 0.005, 0.005], [state("a")], [state("a")])
+    clock = wall_clock(hands, 0.02, inbox)
+    ticks(clock, 1)
+    hands.now_s += 0.5
+    (tick,) = ticks(clock, 1)
+    assert (tick.cycle, hands.now_s) == (EPOCH + 6, pytest.approx(EPOCH_S + 0.606, abs=1e-5))
 
 
 def state(vehicle: str) -> Raw:

@@ -173,6 +173,19 @@ def test_a_drive_that_cannot_keep_rule_2_is_refused() -> None:
     assert drive_behind(15.0**2 / 9.0 - 1.0) == -1
 
 
+def test_who_had_to_creep_is_not_taken_to_creep_on() -> None:
+    """Each would creep behind the one before it: five cars in a row, the first held up for 8 s."""
+    room, lead_v = np.where(TIMES < 8.0, 2.0, NEVER), np.zeros(HORIZON)
+    body, way = (5.0, 2.6, 4.5, 15.0, 15.0), (NEVER, 21.0, 22.0, 15.0, 1.0)
+    for place in range(5):
+        x, v = np.empty(HORIZON), np.empty(HORIZON)
+        done = drive(-9.0 * place, 1.0, NO_SLOT, body, way, Manner((1.0, 3.4), 0.5, 1.0), behind(room, lead_v), x, v)
+        assert 0 < done < 250
+        assert v[done:].min() > 5.0
+        assert v[-1] == 15.0
+        room, lead_v = x - body[0] - motion.REAR_GAP_M, v
+
+
 @pytest.mark.parametrize(("nearer", "phase"), [(0.0, UNCLEARED), (0.1, INTRUDING)])
 def test_rule_1s_curve_parts_the_uncleared_from_the_intruding(nearer: float, phase: int) -> None:
     on_curve = motion.STOP_OFFSET_M + 10.0**2 / 9.0

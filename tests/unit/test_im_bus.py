@@ -6,6 +6,7 @@ import asyncio
 import json
 import queue
 import socket
+import time
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -120,11 +121,12 @@ def test_a_roll_call_ends_with_the_last_one_awaited_whether_heard_or_gone() -> N
         async with hub(endpoint) as bus, vehicles(endpoint) as session:
             token = session.liveliness().declare_token(keys.alive(HERE, "leaving/1"))
             await ask_map(session)
+            bus.call_roll({here}, time.time() + PATIENCE_S)
             session.put(here, b"too early")
             await gather(bus, 1)
-            assert not await bus.all_heard({here}, 0.0)
-            both = asyncio.create_task(bus.all_heard({here, leaving}, PATIENCE_S))
-            await asyncio.sleep(0)  # it has begun
+            assert not await bus.all_heard(0.0)
+            bus.call_roll({here, leaving}, time.time())
+            both = asyncio.create_task(bus.all_heard(PATIENCE_S))
             session.put(here, b"state")
             session.put(here, b"again")
             session.put(silent, b"nobody waits for it")
@@ -132,7 +134,8 @@ def test_a_roll_call_ends_with_the_last_one_awaited_whether_heard_or_gone() -> N
             assert not both.done()
             await asyncio.to_thread(token.undeclare)
             assert await both
-            assert not await bus.all_heard({silent}, 0.01)
+            bus.call_roll({silent}, time.time())
+            assert not await bus.all_heard(0.01)
 
     run(work())
 

@@ -87,10 +87,10 @@ def test_in_lock_step_no_budget_is_looked_at() -> None:
 def test_a_late_start_says_nothing_about_the_next_control_cycle() -> None:
     pace = Pace(options())
     pace.effort(LOAD, 0.001, 0.08)
-    pace.learn(SWIFT, 9, 1)
+    pace.learn(SWIFT, 9, 1, late=False)
     assert pace.effort(LOAD, 0.001, 0.001) == (0, False)
     assert (pace.dropped, pace.unsolved) == (8, 1)
-    pace.learn(SWIFT, 0, 0)
+    pace.learn(SWIFT, 0, 0, late=False)
     assert pace.effort(LOAD, 0.001, 0.08) == (8, True)
     assert (pace.dropped, pace.unsolved) == (8, 1)
 
@@ -98,9 +98,9 @@ def test_a_late_start_says_nothing_about_the_next_control_cycle() -> None:
 def test_one_control_cycle_held_up_says_nothing_about_the_next() -> None:
     pace = Pace(options())
     pace.effort(LOAD, 0.001, 0.08)
-    pace.learn(SWIFT, 9, 1)
+    pace.learn(SWIFT, 9, 1, late=False)
     assert pace.effort(LOAD, 3.0, 0.08) == (0, False)
-    pace.learn(SWIFT, 0, 0)
+    pace.learn(SWIFT, 0, 0, late=False)
     assert pace.effort(LOAD, 0.001, 0.08) == (8, True)
 
 
@@ -108,13 +108,13 @@ def test_candidates_go_before_the_program_and_come_back_step_by_step() -> None:
     pace = Pace(options())
     pace.effort(LOAD, 0.001, 0.08)
     for _ in range(2):
-        pace.learn(Took(0.090, 0.005, 0.001), 9, 1)
+        pace.learn(Took(0.090, 0.005, 0.001), 9, 1, late=False)
     candidates, programs = pace.effort(LOAD, 0.001, 0.08)
     assert 0 < candidates < 8
     assert programs
     tried = [candidates]
     for _ in range(400):
-        pace.learn(Took(0.0001 * (tried[-1] + 1), 0.005, 0.001), tried[-1] + 1, 1)
+        pace.learn(Took(0.0001 * (tried[-1] + 1), 0.005, 0.001), tried[-1] + 1, 1, late=False)
         tried.append(pace.effort(LOAD, 0.001, 0.08).candidates)
     assert tried[-1] == 8
     assert {after - before for before, after in pairwise(tried)} <= {0, 1, 2, 4}
@@ -124,7 +124,7 @@ def test_programs_are_due_before_what_follows_them() -> None:
     pace = Pace(options())
     pace.effort(LOAD, 0.001, 0.08)
     assert pace.deadline_s(0.002, 0.04) == 0.04
-    pace.learn(Took(0.001, 0.005, 0.010), 9, 1)
+    pace.learn(Took(0.001, 0.005, 0.010), 9, 1, late=False)
     pace.effort(LOAD, 0.030, 0.08)
     assert 0.0 < pace.deadline_s(0.002, 0.04) <= 0.06 - 0.030 - 0.002 - 0.5 * 0.010
     assert pace.deadline_s(0.050, 0.04) == 0.0
@@ -136,16 +136,24 @@ def test_programs_that_busy_workers_never_began_are_taken_to_be_late_not_quick()
     for _ in range(30):
         tried.append(pace.effort(LOAD, 0.001, 0.08).programs)
         pace.deadline_s(0.001, 0.04)
-        pace.learn(Took(0.001, 0.0001, 0.001), 9, 0)
+        pace.learn(Took(0.001, 0.0001, 0.001), 9, 0, late=True)
     assert tried[0]
     assert not all(tried)
+
+
+def test_programs_without_a_solution_are_not_taken_to_be_late() -> None:
+    pace = Pace(options())
+    for _ in range(100):
+        assert pace.effort(LOAD, 0.001, 0.08).programs
+        pace.deadline_s(0.001, 0.04)
+        pace.learn(Took(0.001, 0.0001, 0.001), 9, 0, late=False)
 
 
 def test_what_is_short_is_said_once_per_change(capsys: pytest.CaptureFixture[str]) -> None:
     pace = Pace(options())
     for took in (SWIFT, *[SLOW] * 50, *[SWIFT] * 2000):
         pace.effort(LOAD, 0.001, 0.08)
-        pace.learn(took, 9, 1)
+        pace.learn(took, 9, 1, late=False)
     said = capsys.readouterr().out
     assert "short of time" in said
     assert said.count("time to spare") == 5  # 1, 2, 4, 8 and 9 sequences

@@ -6,7 +6,7 @@ import numpy as np
 from builders import ACROSS, GROUND, picture_of, snapshot
 
 from gameopt_im.core.profiles import STOP_PLAY_M
-from gameopt_im.core.reservations import Book, Reservation
+from gameopt_im.core.reservations import LOOSE, Book, Reservation
 from gameopt_im.core.snapshot import Floats
 from gameopt_im.core.windows import HORIZON
 from gameopt_wire import motion
@@ -48,3 +48,10 @@ def test_on_the_exit() -> None:
     first, second = book.rows.late_x[made.scene.way]
     assert first[-1] < first[0] + 0.9 * SPEED_MPS * STEP_S * HORIZON
     assert stays_behind(second, first)
+
+
+def test_exit_ways_are_nobodys_reservations() -> None:
+    """They are driven in rows of the book; who has which is the scene's to know, not the book's."""
+    book, cars = Book(), snapshot(s=[-CLEAR_X - 60.0, -CLEAR_X - 20.0], v=[SPEED_MPS] * 2)
+    assert (picture_of(cars, book).scene.way >= 0).all()
+    assert (book.rows_of(cars.ids) == LOOSE).all()

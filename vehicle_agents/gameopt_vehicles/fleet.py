@@ -167,7 +167,7 @@ class Fleet:
     def _send_due(self) -> int:
         due = self._uplink.due(self._clock_s())
         for key, payload, asks in due:
-            if asks is not None:
+            if asks is not None and asks[0] in self._members:  # a delayed state of who has left waits for nothing
                 self.tally.round_trips.asked(*asks, time.monotonic())
             self._bus.put(key, payload, self._mark)
         self.tally.sent += len(due)
@@ -257,9 +257,7 @@ class Fleet:
             movement,
             self._road.map.lanes[movement.lane],
             seed=settings.seed,
-            setback_m=movement.setback_m[self._road.map.footprint_of(seen.length_m, seen.width_m)]
-            if movement.setback_m
-            else 0.0,
+            setback_m=self._road.map.setback_of(movement, seen.length_m, seen.width_m),
             strategy=settings.strategy,
             aggressiveness=settings.aggressiveness.get(seen.vehicle_class),
             turn_speed=settings.turn_speed,

@@ -157,18 +157,13 @@ class SyntheticRoad:
         _, length_m, width_m, accel, decel = CLASSES[kind]
         ahead = [c for c in self._on_approach(lane) if c.distance_m < distance_m]
         limit = self.map.lanes[lane].speed_limit_mps
-        room_m = distance_m - self._setback_m(index, length_m, width_m) - ROOM_M
+        room_m = distance_m - self.map.setback_of(self.map.movements[index], length_m, width_m) - ROOM_M
         speed = _entry_speed(self.map.lanes[lane], distance_m, room_m, decel, ahead)
         name = f"{kind}.{self._entered}"
         self._vehicles[name] = SyntheticVehicle(
             name, self.map.movements[index].id, distance_m, speed, length_m, width_m, kind,
             limit, accel, decel, index, self.time_s, target_mps=speed,
         )  # fmt: skip
-
-    def _setback_m(self, movement: int, length_m: float, width_m: float) -> float:
-        """How far short of the line the map wants it to wait."""
-        setbacks_m = self.map.movements[movement].setback_m
-        return setbacks_m[self.map.footprint_of(length_m, width_m)] if setbacks_m else 0.0
 
     def _look_ahead(self) -> None:
         """Every radar: the nearest rear ahead on the approach lane, then on the path and the exit lane."""

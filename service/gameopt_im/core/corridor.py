@@ -94,23 +94,24 @@ class Bounds(NamedTuple):
     reference: Floats
 
 
+class Approaching(NamedTuple):
+    """The n vehicles whose bounds are worked out; the arrays as in `HorizonTask`."""
+
+    s: Floats
+    v: Floats
+    length: Floats
+    a: Floats
+    b: Floats
+    top: Floats
+    cap: Floats
+    room: Floats
+    trails: Bools
+
+
 @kernel
-def bounds_of(
-    s: Floats,
-    v: Floats,
-    length: Floats,
-    a: Floats,
-    b: Floats,
-    top: Floats,
-    cap: Floats,
-    room: Floats,
-    trails: Bools,
-    slot: Floats,
-    blocks: Floats,
-    manner: Manner,
-    rear_gap: float,
-) -> Bounds:
-    """The bounds of one candidate; the arrays as in `HorizonTask`, `slot` (n,) in s, `blocks` (H,) in s."""
+def bounds_of(who: Approaching, slot: Floats, blocks: Floats, manner: Manner, rear_gap: float) -> Bounds:
+    """The bounds of one candidate; `slot` (n,) in s, `blocks` (H,) in s."""
+    s, v, length, a, b, top, cap, room, trails = who
     n, h = s.shape[0], blocks.shape[0]
     speeds, lines, rates = reference(s, v, slot, a, b, top, cap, manner, blocks)
     lower, upper = np.full((n, 4, h), -np.inf), np.full((n, 4, h), np.inf)

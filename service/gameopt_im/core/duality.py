@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from gameopt_im.core.corridor import bounds_of
+from gameopt_im.core.corridor import Approaching, bounds_of
 from gameopt_im.core.horizon import HorizonRules, HorizonTask, cost, lengths, mean_speeds
 from gameopt_im.core.kinematics import Manner, kernel
-from gameopt_im.core.snapshot import Bools, Floats, Ints
+from gameopt_im.core.snapshot import Floats, Ints
 
 FAR_MPS = 1e4
 """A bound this far off is none, m/s."""
@@ -23,8 +23,7 @@ def least_objectives(task: HorizonTask, rules: HorizonRules, slots: Floats, dual
     data, q = cost(task.ps, task.pv, task.top, task.v, rules.trade_off, h)
     constant = np.sum(h * rules.trade_off * task.ps * task.top**2 + (1.0 - rules.trade_off) * task.pv * task.v**2)
     duals_fit = _dual_values(
-        task.s, task.v, task.length, task.a, task.b, task.top, task.line_cap, task.room, task.trails, slots,
-        lengths(rules.blocks), rules.manner, rules.rear_gap, np.array(task.counts), data, q,
+        task.approaching(), slots, lengths(rules.blocks), rules.manner, rules.rear_gap, np.array(task.counts), data, q,
         mean_speeds(rules.blocks), play, duals,
     )  # fmt: skip
     return np.maximum(0.0, constant + duals_fit)
@@ -32,15 +31,7 @@ def least_objectives(task: HorizonTask, rules: HorizonRules, slots: Floats, dual
 
 @kernel
 def _dual_values(
-    s: Floats,
-    v: Floats,
-    length: Floats,
-    a: Floats,
-    b: Floats,
-    top: Floats,
-    cap: Floats,
-    room: Floats,
-    trails: Bools,
+    who: Approaching,
     slots: Floats,
     blocks: Floats,
     manner: Manner,
@@ -55,7 +46,7 @@ def _dual_values(
     """(C,) the dual function of every candidate, each with its own bounds."""
     values = np.empty(slots.shape[0])
     for c in range(slots.shape[0]):
-        given = bounds_of(s, v, length, a, b, top, cap, room, trails, slots[c], blocks, manner, rear_gap)
+        given = bounds_of(who, slots[c], blocks, manner, rear_gap)
         values[c] = _dual_value(counts, data, q, way, given.lower, given.upper, play, duals)
     return values
 

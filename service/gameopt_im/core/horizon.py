@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from gameopt_im.core.corridor import bounds_of
+from gameopt_im.core.corridor import Approaching, bounds_of
 from gameopt_im.core.kinematics import Manner, kernel
 from gameopt_im.core.program import QP, Csc
 from gameopt_im.core.snapshot import Bools, Floats, Ints
@@ -56,6 +56,12 @@ class HorizonTask:
     pv: Floats
     room: Floats
     trails: Bools
+
+    def approaching(self) -> Approaching:
+        """What the bounds follow from, beside the slots."""
+        return Approaching(
+            self.s, self.v, self.length, self.a, self.b, self.top, self.line_cap, self.room, self.trails
+        )  # fmt: skip
 
 
 def platoons(lanes: Sequence[int]) -> tuple[tuple[int, ...], Bools]:
@@ -168,10 +174,7 @@ def build(task: HorizonTask, rules: HorizonRules, slot: Floats, start: Start | N
     Side by side: P's data, q, l and u of the four kinds of row, the speeds and the multipliers to start from, which
     are the reference and 0 where none are given. One array goes to a worker several times as fast as six.
     """
-    given = bounds_of(
-        task.s, task.v, task.length, task.a, task.b, task.top, task.line_cap, task.room, task.trails, slot,
-        lengths(rules.blocks), rules.manner, rules.rear_gap,
-    )  # fmt: skip
+    given = bounds_of(task.approaching(), slot, lengths(rules.blocks), rules.manner, rules.rear_gap)
     h = len(rules.blocks)
     data, q = cost(task.ps, task.pv, task.top, task.v, rules.trade_off, h)
     if start is None:

@@ -22,6 +22,7 @@ kernel = numba.njit(cache=True, error_model="numpy")
 for _rule in (
     motion.brake_speed,
     motion.stop_speed,
+    motion.could_stop,
     motion.turn_speed,
     motion.follow_speed,
     motion.tracking_speed,

@@ -52,7 +52,8 @@ def drive(
 
     body = (length, planned acceleration, deceleration, top speed upstream, top speed on the exit).
     way = (turning speed or NEVER, path length over the zone, distance at which the rear stands clear, line speed
-    cap, slot-less flag > 0 for full ahead). After the rear is clear the vehicle keeps its speed.
+    cap, slot-less flag > 0 for full ahead). After the rear is clear the vehicle speeds up for its exit: if one that had
+    to creep were taken to creep on, whoever is cleared behind it would, and everyone behind that one, for minutes.
     Returns the step at which the rear is clear, or -1 where rule 2 cannot be kept or the way takes too long.
     """
     length, a, b, top, exit_top = body
@@ -67,7 +68,7 @@ def drive(
     for k in range(x.shape[0] - 1):
         s = -x[k]
         if done >= 0:
-            u = v[k]
+            u = min(v[k] + a * STEP_S, max(v[k], exit_top))
         else:
             limit = top if s > 0.0 else exit_top
             if s > 0.0:

@@ -13,7 +13,7 @@ import numpy as np
 from gameopt_im.core.kinematics import kernel
 from gameopt_im.core.snapshot import NONE, Bools, Floats, Ints
 from gameopt_wire.messages import STEP_S
-from gameopt_wire.motion import STOP_OFFSET_M
+from gameopt_wire.motion import STOP_OFFSET_M, could_stop
 
 STAYS, LEFT, LOST, STALE = range(4)
 """What becomes of a vehicle; see `tracker`."""
@@ -31,11 +31,8 @@ class Patience(NamedTuple):
 
 @kernel
 def waits(s: float, v: float, b: float, accepted: int, reserved: bool) -> bool:
-    """Whether it stops at the line by itself: it has no clearance, by the manager's books or its own word, and could.
-
-    A vehicle that rides rule 1's curve exactly could: that curve ends `STOP_OFFSET_M` before the line.
-    """
-    return not reserved and accepted == NONE and v**2 <= 2.0 * b * s
+    """Whether it stops at the line by itself: it could, and has no clearance by the manager's books or its own word."""
+    return not reserved and accepted == NONE and could_stop(s, v, b)
 
 
 @kernel

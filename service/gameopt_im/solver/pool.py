@@ -182,7 +182,8 @@ class Pool(Generic[Job, Result]):
 
     def _settle(self, call: _Call[Job, Result], answer: Answer) -> None:
         """Put an answer in its place and count it."""
-        if not answer.begun:
+        nothing = answer.result is None and answer.fault is None
+        if not answer.begun or (nothing and call.until_s is not None and time.monotonic() >= call.until_s):
             self.counts.late += 1
         elif answer.result is None:
             self.counts.failed += 1

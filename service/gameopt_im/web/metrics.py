@@ -116,7 +116,7 @@ class ManagerCollector(Collector):
 
     def _stages(self) -> Iterator[Metric]:
         whole = HistogramMetricFamily(
-            f"{PREFIX}control_cycle_seconds", "control cycles, from their beginning to the last message sent"
+            f"{PREFIX}control_cycle_seconds", "the whole way of control cycles, to the last command handed to Zenoh"
         )
         parts = HistogramMetricFamily(
             f"{PREFIX}control_cycle_stage_seconds", "the stages of control cycles", labels=["stage"]

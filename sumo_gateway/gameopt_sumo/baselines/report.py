@@ -51,6 +51,9 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     qp: None = None
     fallbacks: None = None
     messages: None = None
+    late_steps: None = None
+    round_trip: None = None
+    whole_way: None = None
 
     def collided(self) -> bool:
         """Whether any count saw a collision, or a vehicle was teleported out of one."""

@@ -25,7 +25,7 @@ demo: .venv/installed
 	@$(BIN)/python deploy/demo.py --seconds $(DEMO_SECONDS)
 
 test: .venv/installed-dev
-	$(BIN)/pytest
+	$(BIN)/pytest -n 2 --dist loadgroup
 
 lint: .venv/installed-dev
 	$(BIN)/ruff check .

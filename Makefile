@@ -26,7 +26,7 @@ demo: .venv/installed
 	@$(BIN)/python deploy/demo.py --seconds $(DEMO_SECONDS)
 
 test: .venv/installed-dev
-	$(BIN)/pytest
+	$(BIN)/pytest -n 2 --dist loadgroup
 
 test-web: .venv/installed-web
 	$(BIN)/pytest tests/web

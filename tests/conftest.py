@@ -1,8 +1,20 @@
-"""How much the property tests try: the same cases every time in the gate, new ones with `make explore`."""
+"""How much the property tests try, and which tests may run side by side."""
 
+import pytest
 from hypothesis import settings
 
 # The gate has to say the same of the same commit; searching for new counterexamples is its own command.
 settings.register_profile("gate", derandomize=True, deadline=None)
 settings.register_profile("explore", max_examples=2000, deadline=None, print_blob=True)
 settings.load_profile("gate")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """With `-n 2 --dist loadgroup` a file stays together, and the tests with processes of their own follow each other.
+
+    Two of those at once would want four processors.
+    """
+    for item in items:
+        group = "processes" if item.get_closest_marker("slow") else item.path.name
+        item.add_marker(pytest.mark.xdist_group(group))

@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -38,27 +37,13 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return copy
 
 
-@pytest.fixture(scope="module")
-def ended(
-    tree: Path, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
-) -> Iterator[dict[str, Future[tuple[int, str]]]]:
-    """How the named test of each mutant that is asked for ends, by its name; one at a time on each processor."""
-    parameters = [item.callspec.params for item in request.session.items if hasattr(item, "callspec")]
-    asked = [each["mutant"] for each in parameters if isinstance(each.get("mutant"), Mutant)]
-    place = tmp_path_factory.mktemp("mutants")
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        yield {mutant.name: pool.submit(run_mutated, mutant, tree, place / str(k)) for k, mutant in enumerate(asked)}
-        pool.shutdown(cancel_futures=True)
-
-
-def run_mutated(mutant: Mutant, tree: Path, copy: Path) -> tuple[int, str]:
-    """(exit code, output) of the mutant's test in a copy of the tree with the mutant in it."""
+@pytest.fixture
+def fresh(tree: Path, tmp_path: Path) -> Iterator[Path]:
+    """A copy of the tree to change."""
+    copy = tmp_path / "tree"
     shutil.copytree(tree, copy)
-    try:
-        mutate(copy, mutant)
-        return run(copy, mutant.test)
-    finally:
-        shutil.rmtree(copy)
+    yield copy
+    shutil.rmtree(copy)
 
 
 def run(copy: Path, *tests: str) -> tuple[int, str]:
@@ -95,7 +80,8 @@ def test_names_are_distinct() -> None:
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=[mutant.name for mutant in MUTANTS])
-def test_the_named_test_catches_the_mutant(mutant: Mutant, ended: dict[str, Future[tuple[int, str]]]) -> None:
-    code, output = ended[mutant.name].result()
+def test_the_named_test_catches_the_mutant(mutant: Mutant, fresh: Path) -> None:
+    mutate(fresh, mutant)
+    code, output = run(fresh, mutant.test)
     assert code == FAILED, f"{mutant.name} survives {mutant.test}\n{output}"
     assert "1 failed" in output, output

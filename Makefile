@@ -6,11 +6,12 @@ BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 COMPARE := $(BIN)/gameopt-sumo compare
 
-.PHONY: help demo test lint explore bench growth load figures any-junction compare compare-full
+.PHONY: help demo test test-web lint explore bench growth load figures any-junction compare compare-full
 
 help:
 	@echo "make demo     manager and vehicles as two processes, 6,000 veh/h, DEMO_SECONDS=$(DEMO_SECONDS) simulated seconds"
 	@echo "make test     every test"
+	@echo "make test-web the live page in a real browser, which it installs where there is none"
 	@echo "make lint     ruff, mypy, import-linter"
 	@echo "make explore  the property tests on new random cases, many more of them"
 	@echo "make bench    how long decisions take, on recorded and on made-up traffic, then make load; half an hour"
@@ -26,6 +27,9 @@ demo: .venv/installed
 
 test: .venv/installed-dev
 	$(BIN)/pytest -n 2 --dist loadgroup
+
+test-web: .venv/installed-web
+	$(BIN)/pytest tests/web
 
 lint: .venv/installed-dev
 	$(BIN)/ruff check .
@@ -82,6 +86,11 @@ SUMO_LOADS = $(BIN)/python -c 'import libsumo' 2>/dev/null || { \
 	$(PIP) install --editable '.[dev]'
 	@$(SUMO_LOADS)
 	@touch .venv/installed $@
+
+.venv/installed-web: pyproject.toml .venv/installed-dev
+	$(PIP) install --editable '.[dev,web]'
+	$(BIN)/python tests/web/browser.py
+	@touch $@
 
 # The first Python on PATH that is new enough and can make a virtual environment.
 .venv/bin/pip:

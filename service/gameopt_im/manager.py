@@ -25,6 +25,7 @@ from gameopt_im.core.snapshot import Snapshot
 from gameopt_im.inbox import Raw
 from gameopt_im.options import ServeOptions
 from gameopt_im.pace import Pace
+from gameopt_im.sight import Sight
 from gameopt_im.solver.contest import Solver
 from gameopt_im.strategy import Strategy, strategy_of
 from gameopt_im.tracker import Tracker
@@ -62,6 +63,8 @@ class Manager:
         self.missed = 0
         self.unread: Counter[str] = Counter()
         """Messages that never reached the tracker, by reason: broken steps, and what the queue had no room for."""
+        self.sight: Sight | None = None
+        """What the last control cycle saw and weighed, for whoever watches."""
         self._ground = ground(
             options.map, options.geometry, options.parameters.program.lateral_margin_m, options.turn_speed
         )
@@ -141,6 +144,9 @@ class Manager:
         elapsed_ms = 1e3 * (decided_s - started)
         report = self._report(snapshot, picture, concluded, winner, proposal.count, len(commands), elapsed_ms)
         self._log(settled, picture, snapshot)
+        self.sight = Sight(
+            snapshot, limits.phase, self._book, who, proposal, results, winner, concluded, self._tracker.last_state
+        )
         return Outcome(commands, report, ledger, decided_s)
 
     def _deadline(self) -> float | None:

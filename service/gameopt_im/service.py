@@ -20,6 +20,7 @@ from gameopt_im.solver import contest
 from gameopt_im.solver.contest import Solver
 from gameopt_im.vitals import Vitals
 from gameopt_im.warm_up import warm_up
+from gameopt_im.web.hub import Hub
 from gameopt_wire import codec
 from gameopt_wire.intersection import Charter
 
@@ -38,11 +39,11 @@ async def serve(options: ServeOptions) -> None:
         recorder = None
         if options.record is not None:
             recorder = stack.enter_context(Recorder(options.record, charter, options.parameters, options.command_line))
-        vitals = Vitals(options.clock)
+        vitals, hub = Vitals(options.clock), Hub(options, term)
         if options.http is not None:
             from gameopt_im.web import server
 
-            await stack.enter_async_context(server.opened(options.http, options, vitals))
+            await stack.enter_async_context(server.opened(options.http, options, vitals, hub))
         await warm_up(options)
         solver = solver_of(options)
         await stack.enter_async_context(solver)
@@ -57,10 +58,12 @@ async def serve(options: ServeOptions) -> None:
             geometry=options.geometry,
             endpoints=list(options.listen or options.connect),
         )
-        await run(options, Manager(options, term, solver), bus, recorder, vitals)
+        await run(options, Manager(options, term, solver), bus, recorder, vitals, hub)
 
 
-async def run(options: ServeOptions, manager: Manager, bus: Bus, recorder: Recorder | None, vitals: Vitals) -> None:
+async def run(
+    options: ServeOptions, manager: Manager, bus: Bus, recorder: Recorder | None, vitals: Vitals, hub: Hub
+) -> None:
     """The loop itself: one control cycle after another, for as long as the task lives."""
     clock: WallClock | LockStep = (
         LockStep(bus) if options.clock == "lockstep" else WallClock(bus, options.parameters.service.collect_s)
@@ -83,6 +86,7 @@ async def run(options: ServeOptions, manager: Manager, bus: Bus, recorder: Recor
             if recorder is not None:
                 recorder.record(tick, outcome.commands)
             vitals.cycle_done(outcome, manager.bids)
+            hub.cycle_done(outcome, manager.sight)
             garbage.cycle_done()
 
 

@@ -24,6 +24,7 @@ from gameopt_im.solver.pool import Counts
 from gameopt_im.vitals import Vitals
 from gameopt_im.web import address, server
 from gameopt_im.web.address import Address
+from gameopt_im.web.hub import Hub
 from gameopt_im.web.metrics import REASONS
 from gameopt_wire.messages import CycleReport, LedgerEntry
 
@@ -84,7 +85,7 @@ def run(work: Callable[[], Coroutine[Any, Any, None]], loop: Callable[[], Any] =
 
 @asynccontextmanager
 async def visiting(vitals: Vitals) -> AsyncIterator[Visitor]:
-    async with server.opened(ANY_PORT, OPTIONS, vitals) as url, aiohttp.ClientSession() as session:
+    async with server.opened(ANY_PORT, OPTIONS, vitals, Hub(OPTIONS, 1)) as url, aiohttp.ClientSession() as session:
         assert url is not None
         yield Visitor(url, session)
 
@@ -288,10 +289,11 @@ def test_a_taken_port_is_refused_where_it_was_asked_for_and_done_without_where_n
     async def work() -> None:
         with taken() as port:
             with pytest.raises(StartError) as caught:
-                async with server.opened(Address("127.0.0.1", port), OPTIONS, Vitals("wall")):
+                async with server.opened(Address("127.0.0.1", port), OPTIONS, Vitals("wall"), Hub(OPTIONS, 1)):
                     pass
             assert str(caught.value) == f"--http 127.0.0.1:{port}: Address already in use"
-            async with server.opened(Address("127.0.0.1", port, required=False), OPTIONS, Vitals("wall")) as url:
+            spare = Address("127.0.0.1", port, required=False)
+            async with server.opened(spare, OPTIONS, Vitals("wall"), Hub(OPTIONS, 1)) as url:
                 assert url is None
 
     run(work, loop)
@@ -301,7 +303,7 @@ def test_a_taken_port_is_refused_where_it_was_asked_for_and_done_without_where_n
 def test_a_host_that_is_none_is_one_line(host: str) -> None:
     async def work() -> None:
         with pytest.raises(StartError) as caught:
-            async with server.opened(Address(host, 8080), OPTIONS, Vitals("wall")):
+            async with server.opened(Address(host, 8080), OPTIONS, Vitals("wall"), Hub(OPTIONS, 1)):
                 pass
         message = str(caught.value)
         assert message.startswith(f"--http {host}:8080: ")

@@ -1,1 +1,1 @@
-"""The manager's web server: metrics and health. Reads what the manager knows, decides nothing."""
+"""The manager's web server: live page, metrics and health. Reads what the manager knows, decides nothing."""

@@ -19,6 +19,7 @@ ends it with exit 2.
 
 | path | what it answers |
 | --- | --- |
+| `/` | the [live page](live-page.md) for a browser, one line for anybody else |
 | `/metrics` | everything below, for Prometheus; OpenMetrics for who asks for it |
 | `/healthz` | 200 while the control loop runs, 503 and the reason where it does not |
 | `/readyz` | 200 while it is healthy, announced on Zenoh, and its solver processes are warm; else 503 and the reason |

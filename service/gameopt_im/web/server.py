@@ -14,8 +14,9 @@ from aiohttp import web
 
 from gameopt_im.options import ServeOptions, StartError
 from gameopt_im.vitals import Vitals
-from gameopt_im.web import front, health, metrics
+from gameopt_im.web import front, health, live, metrics
 from gameopt_im.web.address import Address
+from gameopt_im.web.hub import Hub
 
 log = structlog.get_logger()
 
@@ -23,20 +24,27 @@ SHUTDOWN_S = 1.0
 """Longest wait for answers under way when the manager ends."""
 
 
-def application(options: ServeOptions, vitals: Vitals) -> web.Application:
+def application(options: ServeOptions, vitals: Vitals, hub: Hub) -> web.Application:
     """Everything that is served."""
     served = web.Application()
-    served.add_routes([*front.routes(options), *health.routes(vitals), *metrics.routes(options, vitals)])
+    served.add_routes(
+        [*front.routes(options), *health.routes(vitals), *metrics.routes(options, vitals), *live.routes(hub)]
+    )
+
+    async def send_viewers_away(_: web.Application) -> None:
+        hub.close()
+
+    served.on_shutdown.append(send_viewers_away)
     return served
 
 
 @asynccontextmanager
-async def opened(address: Address, options: ServeOptions, vitals: Vitals) -> AsyncIterator[str | None]:
+async def opened(address: Address, options: ServeOptions, vitals: Vitals, hub: Hub) -> AsyncIterator[str | None]:
     """The server's URL, while it serves; None where the default address is taken, which is only worth a warning.
 
     Raises `StartError` where an address that was asked for cannot be had.
     """
-    runner = web.AppRunner(application(options, vitals), access_log=None, shutdown_timeout=SHUTDOWN_S)
+    runner = web.AppRunner(application(options, vitals, hub), access_log=None, shutdown_timeout=SHUTDOWN_S)
     await runner.setup()
     try:
         yield await _listen(runner, address)

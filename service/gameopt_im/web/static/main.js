@@ -102,6 +102,6 @@ setInterval(() => document.hidden || charts.draw(traffic), CHARTS_MS);
 window.gameopt = {
   places: () => (view.placed ?? []).map((placed) => {
     const [x, y] = view.middleOf(placed);
-    return { vehicle: placed.car.vehicle, x, y, slow: placed.car.speed_mps < 1 };
+    return { vehicle: placed.car.vehicle, x, y, speed_mps: placed.car.speed_mps };
   }),
 };

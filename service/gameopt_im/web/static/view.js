@@ -287,6 +287,7 @@ export class View {
       this.canvas.setPointerCapture(event.pointerId);
       this.pointers.set(event.pointerId, point(event));
       this.moved = this.pointers.size > 1 ? Infinity : 0;
+      this.pressed = this.at(...point(event)); // it has driven on when the finger is lifted
     });
     this.canvas.addEventListener("pointermove", (event) => {
       const was = this.pointers.get(event.pointerId);
@@ -300,7 +301,7 @@ export class View {
     });
     const lift = (event) => {
       const known = this.pointers.delete(event.pointerId);
-      if (known && event.type === "pointerup" && this.moved <= 6) this.select(this.at(...point(event)));
+      if (known && event.type === "pointerup" && this.moved <= 6) this.select(this.pressed);
     };
     this.canvas.addEventListener("pointerup", lift);
     this.canvas.addEventListener("pointercancel", lift);

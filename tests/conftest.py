@@ -1,6 +1,12 @@
-"""How much the property tests try, and which tests may run side by side."""
+"""How much the property tests try, what no test may leave behind, and which tests may run side by side."""
+
+import logging
+import sys
+import threading
+from collections.abc import Iterator
 
 import pytest
+import structlog
 from hypothesis import settings
 
 # The gate has to say the same of the same commit; searching for new counterexamples is its own command.
@@ -18,3 +24,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         group = "processes" if item.get_closest_marker("slow") else item.path.name
         item.add_marker(pytest.mark.xdist_group(group))
+
+
+@pytest.fixture(autouse=True)
+def logs_as_they_were(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A command that a test runs in this process logs to the test's own stderr, which is closed when it ends."""
+    for hook in (sys, "excepthook"), (sys, "unraisablehook"), (threading, "excepthook"):
+        monkeypatch.setattr(*hook, getattr(*hook))
+    yield
+    structlog.reset_defaults()
+    logging.captureWarnings(False)

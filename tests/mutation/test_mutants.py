@@ -33,7 +33,8 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for each in (*PACKAGES, "tests/unit", "tests/maps"):
         shutil.copytree(REPOSITORY / each, copy / each, ignore=LEFT_OUT)
     shutil.copy(REPOSITORY / "pyproject.toml", copy)
-    (copy / "conftest.py").write_text(UNSHRUNK, encoding="utf-8")
+    conftest = (REPOSITORY / "tests/conftest.py").read_text(encoding="utf-8")
+    (copy / "conftest.py").write_text(conftest + UNSHRUNK, encoding="utf-8")
     return copy
 
 

@@ -138,7 +138,8 @@ class World:
             if other is car:
                 continue
             if its.lane == own.lane and other.x > car.x:
-                found.append((other.rear - car.x, other))
+                if other.rear < self.ground.apart[car.movement, other.movement]:  # else it has turned off
+                    found.append((other.rear - car.x, other))
             elif its.exit_lane == own.exit_lane and its.lane != own.lane:
                 gone, behind = other.x - its.length_m, car.x - own.length_m
                 if gone > max(0.0, behind) and (gone >= other.length or behind >= 0.0):

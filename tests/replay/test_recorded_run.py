@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 import pytest
-import structlog
 
 from gameopt_im import cli
 from gameopt_im.clock import Tick
@@ -74,12 +72,6 @@ def recorded(path: Path, run: list[RecordedCycle]) -> Path:
         for each in run:
             recorder.record(each.tick, each.commands)
     return path
-
-
-@pytest.fixture(autouse=True)
-def _logs_as_they_were() -> Iterator[None]:
-    yield
-    structlog.reset_defaults()
 
 
 def test_a_recorded_run_comes_out_the_same_and_a_changed_one_does_not(

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
 import os
 import signal
-import sys
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +26,6 @@ from gameopt_wire.intersection import IntersectionMap
 
 MAP = Path(__file__).parents[1] / "maps" / "crossroads.json"
 ROADS = msgspec.json.decode(MAP.read_bytes(), type=IntersectionMap)
-
-
-@pytest.fixture(autouse=True)
-def _logs_as_they_were(monkeypatch: pytest.MonkeyPatch) -> Any:
-    for hook in (sys, "excepthook"), (sys, "unraisablehook"), (threading, "excepthook"):
-        monkeypatch.setattr(*hook, getattr(*hook))
-    yield
-    structlog.reset_defaults()
-    logging.captureWarnings(False)
 
 
 @pytest.fixture

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 import pytest
-import structlog
 
 from gameopt_im import optimal
 from gameopt_im.clock import Tick
@@ -35,12 +33,6 @@ async def record(path: Path) -> None:
                 outcome = await manager.control_cycle(cycle, cycle / 10, messages)
                 recorder.record(Tick(cycle, cycle / 10, messages, False), outcome.commands)
                 traffic.obey(outcome.commands)
-
-
-@pytest.fixture(autouse=True)
-def no_logs_to_a_closed_capture() -> Iterator[None]:
-    yield
-    structlog.reset_defaults()
 
 
 @pytest.fixture(scope="module")

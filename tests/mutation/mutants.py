@@ -191,9 +191,16 @@ MUTANTS = (
     Mutant(
         "worst cases improved without news",
         f"{CORE}/worst_cases.py",
-        "if not scene.fresh[i] or scene.exiting[i] or k",
-        "if scene.exiting[i] or k",
-        f"{UNIT}/test_silence.py::test_a_worst_case_is_brought_up_to_date_only_from_fresh_states",
+        "if then <= rows.told[row] or",
+        "if",
+        f"{UNIT}/test_silence.py::test_a_worst_case_is_brought_up_to_date_by_every_state_once_however_late_it_comes",
+    ),
+    Mutant(
+        "states that come late not looked at",
+        f"{CORE}/worst_cases.py",
+        "if then <= rows.told[row] or",
+        "if scene.ago[i] > 0 or then <= rows.told[row] or",
+        f"{UNIT}/test_silence.py::test_who_has_slipped_behind_is_found_out_by_late_states_too",
     ),
     Mutant(
         "those who come after held up",

@@ -14,7 +14,6 @@ import numpy as np
 from gameopt_im.core.kinematics import NEVER, kernel
 from gameopt_im.core.reservations import LOOSE, Rows
 from gameopt_im.core.snapshot import Bools, Floats, Ints
-from gameopt_im.core.windows import step_at
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
 
@@ -26,6 +25,7 @@ class Scene(NamedTuple):
     how long a vehicle is to those behind it in its lane; `leaders` (n, R) and `downstream` as in `Limits`, `apart`
     (M, M) as in `Ground`. `floor` and `sight` are the lowest speed of the exit law and where sight ends on the exit
     lane, `decel` is the law's deceleration. `uncleared` ones lead nobody on an exit lane.
+    `heard_x` and `heard_v` are what a vehicle said `ago` control cycles before this one.
     `way` is the row of a vehicle's reservation or exit way, LOOSE for none;
     `exiting` marks the latter, `asked` those whose clearance is asked back. `cycle` is the control cycle.
     """
@@ -36,7 +36,9 @@ class Scene(NamedTuple):
     length: Floats
     a: Floats
     b: Floats
-    fresh: Bools
+    heard_x: Floats
+    heard_v: Floats
+    ago: Ints
     uncleared: Bools
     movement: Ints
     lane: Ints
@@ -99,11 +101,12 @@ class Room(NamedTuple):
 
 @kernel
 def room_behind(ahead: Ahead, late: bool, cycle: int, steps: int, ways: Ways) -> Room:
-    """The room behind leaders for `steps` steps from now, in the worst case if `late`.
+    """The room behind leaders for `steps` steps from a control cycle, in the worst case if `late`.
 
-    Past its end a profile goes on at its last speed. If it stood still there its follower's would stop behind it, that
-    one's follower's a little sooner, and so on through an unbroken platoon, until a vehicle stops in the conflict zone
-    for nothing. Worst cases may stand still: they are brought up to date every control cycle.
+    Before its beginning a way came at its first speed. Past its end a profile goes on at its last speed: if it stood
+    still there its follower's would stop behind it, that one's follower's a little sooner, and so on through an
+    unbroken platoon, until a vehicle stops in the conflict zone for nothing. Worst cases may stand still: they are
+    brought up to date every control cycle.
     """
     count, last = ahead.row.shape[0], ways.x.shape[1] - 1
     room = Room(np.empty((count, steps)), np.empty((count, steps)), ahead.number[:, B].copy())
@@ -111,11 +114,12 @@ def room_behind(ahead: Ahead, late: bool, cycle: int, steps: int, ways: Ways) ->
     for m in range(count):
         row, number = ahead.row[m], ahead.number[m]
         back, shift, since, until = number[BACK], number[SHIFT], number[SINCE], number[UNTIL]
-        first = step_at(ways.start[row], cycle) if row >= 0 else 0
+        first = min(cycle - ways.start[row], last) if row >= 0 else 0
         for k in range(steps):
             if row >= 0:
-                at = min(first + k, last)
+                at = min(max(first + k, 0), last)
                 x, v = way_x[row, at], way_v[row, at]
+                x = x + v * STEP_S * min(0, first + k)
                 if not late:
                     x = x + v * STEP_S * max(0, first + k - last)
             else:

@@ -23,6 +23,7 @@ class Reservation:
     much as rule 2 and the exit law may make them; index 0 is control cycle `start`, at `start_s`. Windows begin with x
     and end with late_x.
     `done` is the step at which the rear is clear in the worst case. `withdrawn` asks the vehicle to give it back.
+    `told` is the control cycle of the last state that the worst case was brought up to date by.
     """
 
     vehicle: str
@@ -44,6 +45,7 @@ class Reservation:
     bid: float = 0.0
     accepted: bool = False
     withdrawn: bool = False
+    told: int = -1
 
     def step(self, cycle: int) -> int:
         """The index of a control cycle in the arrays."""
@@ -74,14 +76,17 @@ class Rows(NamedTuple):
     expires_s: Floats
     accepted: Bools
     withdrawn: Bools
+    told: Ints
 
 
 def _rows(count: int) -> Rows:
     x, v, late_x, late_v = np.zeros((4, count, HORIZON))
-    start, movement, footprint, clearance = np.zeros((4, count), np.int64)
+    start, movement, footprint, clearance, told = np.zeros((5, count), np.int64)
     length, b, expires_s = np.zeros((3, count))
     accepted, withdrawn = np.zeros((2, count), np.bool_)
-    return Rows(x, v, late_x, late_v, start, movement, footprint, length, b, clearance, expires_s, accepted, withdrawn)
+    return Rows(
+        x, v, late_x, late_v, start, movement, footprint, length, b, clearance, expires_s, accepted, withdrawn, told
+    )
 
 
 def held_in(row: Ints, column: Bools) -> Bools:

@@ -23,6 +23,7 @@ def scene_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, law
     Nominally exiting vehicles go on. They are commanded from here, so in the worst case they brake as rule 2 and the
     exit law make them, the first of them for a vehicle that may stand just out of sight.
     """
+    ago = np.rint(snapshot.age / STEP_S).astype(np.int64)
     book.make_room(2 * len(snapshot))  # whoever exits now, and whoever is granted a clearance after this
     row = book.rows_of(snapshot.ids)
     movement = snapshot.movement
@@ -36,7 +37,9 @@ def scene_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, law
         length=snapshot.length,
         a=snapshot.a_max,
         b=snapshot.b_max,
-        fresh=snapshot.age <= 0.0,
+        heard_x=-snapshot.heard_s + snapshot.heard_v * (snapshot.age - STEP_S * ago),
+        heard_v=snapshot.heard_v,
+        ago=ago,
         uncleared=limits.phase == UNCLEARED,
         movement=movement,
         lane=snapshot.lane,

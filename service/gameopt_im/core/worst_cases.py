@@ -10,7 +10,6 @@ from gameopt_im.core.profiles import held_back
 from gameopt_im.core.reservations import Book, Rows, held_in
 from gameopt_im.core.scene import law_of
 from gameopt_im.core.snapshot import Bools, Ints, Snapshot
-from gameopt_im.core.windows import step_at
 
 OFF_PROFILE_M = 0.4
 """A vehicle farther than this outside its profile and worst case has strayed: its windows may no longer hold."""
@@ -20,7 +19,8 @@ def refresh(snapshot: Snapshot, scene: Scene, book: Book) -> tuple[str, ...]:
     """Bring the worst cases up to date, front to back; the vehicles that have strayed.
 
     What leaders might have done since, they have not, so the worst case of a vehicle that tracks its profile only gets
-    better. One has strayed if it is ahead of its profile or behind the worst case it was reserved for.
+    better. One has strayed if it is ahead of its profile or behind the worst case it was reserved for. A state that
+    came late says as much, of the control cycle it is from: waiting for a fresh one would be for ever on a slow link.
     """
     row = book.rows_of(snapshot.ids)
     cleared = np.flatnonzero(held_in(row, book.rows.clearance > 0))
@@ -38,14 +38,16 @@ def bring_up_to_date(order: Ints, scene: Scene, rows: Rows) -> Bools:
     for n in range(order.shape[0]):
         i = order[n]
         row = scene.way[i]
-        k = step_at(rows.start[row], scene.cycle)
-        if not scene.fresh[i] or scene.exiting[i] or k >= steps - 2:
+        then = scene.cycle - scene.ago[i]
+        k = then - rows.start[row]
+        if then <= rows.told[row] or scene.exiting[i] or not 0 <= k < steps - 2:
             continue
-        x = scene.x[i]
+        rows.told[row] = then
+        x = scene.heard_x[i]
         strayed[n] = not rows.late_x[row, k] - OFF_PROFILE_M <= x <= rows.x[row, k] + OFF_PROFILE_M
         held_back(
-            x, scene.v[i], rows.v[row], k, (rows.length[row], scene.a[i], rows.b[row]), scene.clear[i],
-            law_of(i, scene), room_behind(ahead_of(i, scene), True, scene.cycle, steps - k, ways), late_x, late_v,
+            x, scene.heard_v[i], rows.v[row], k, (rows.length[row], scene.a[i], rows.b[row]), scene.clear[i],
+            law_of(i, scene), room_behind(ahead_of(i, scene), True, then, steps - k, ways), late_x, late_v,
         )  # fmt: skip
         rows.late_x[row, k:] = late_x[k:]
         rows.late_v[row, k:] = late_v[k:]

@@ -107,8 +107,8 @@ MUTANTS = (
     Mutant(
         "a worst case behind leaders at their best",
         f"{CORE}/granting.py",
-        "worst = room_behind(ahead, True, scene.cycle, HORIZON, ways)",
-        "worst = room_behind(ahead, False, scene.cycle, HORIZON, ways)",
+        "worst = room_behind(ahead, True, scene.cycle, 0, HORIZON, ways)",
+        "worst = room_behind(ahead, False, scene.cycle, 0, HORIZON, ways)",
         f"{UNIT}/test_granting.py::test_a_follower_reserves_for_its_leaders_worst_case",
     ),
     Mutant(
@@ -117,6 +117,13 @@ MUTANTS = (
         "room_behind(ahead_of(i, scene), True,",
         "room_behind(ahead_of(i, scene), False,",
         f"{UNIT}/test_worst_cases.py::test_on_a_clearance",
+    ),
+    Mutant(
+        "leaders that nothing is known of taken to have been where they are now",
+        f"{CORE}/leading.py",
+        "time, x, v = (k - ago) * STEP_S,",
+        "time, x, v = k * STEP_S,",
+        f"{UNIT}/test_worst_cases.py::test_the_room_from_some_time_ago_is_the_room_from_now_with_what_went_before",
     ),
     Mutant(
         "exit ways behind leaders at their best",

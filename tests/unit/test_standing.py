@@ -4,28 +4,18 @@ from __future__ import annotations
 
 import asyncio
 from itertools import pairwise
-from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from builders import ACROSS, GROUND, OTHER, snapshot
+from watched import ROADS, STOP_SIGN
 
-from gameopt_im import config
 from gameopt_im.core import standing
 from gameopt_im.manager import Manager
 from gameopt_im.options import ServeOptions
 from gameopt_im.rehearsal import Rehearsal
 from gameopt_im.service import solver_of
-from gameopt_wire.intersection import IntersectionMap
 
-ROADS = msgspec.json.decode((Path(__file__).parents[1] / "maps" / "crossroads.json").read_bytes(), type=IntersectionMap)
-STOP_SIGN = config.parse("""
-    auction = {order = "arrival"}
-    planner = {incumbent = false, upstream = false}
-    program = {solve = false}
-    interlock = {ask = "standing"}
-""")
 RIGHT = 0
 """A movement that meets nobody."""
 

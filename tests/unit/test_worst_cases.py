@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from builders import ACROSS, GROUND, picture_of, snapshot
 
+from gameopt_im.core.leading import B, V, X, nobody, room_behind, ways_of
 from gameopt_im.core.profiles import STOP_PLAY_M
 from gameopt_im.core.reservations import LOOSE, Book, Reservation
 from gameopt_im.core.snapshot import Floats
@@ -48,6 +52,23 @@ def test_on_the_exit() -> None:
     first, second = book.rows.late_x[made.scene.way]
     assert first[-1] < first[0] + 0.9 * SPEED_MPS * STEP_S * HORIZON
     assert stays_behind(second, first)
+
+
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("start", [0, 10])
+def test_the_room_from_some_time_ago_is_the_room_from_now_with_what_went_before(late: bool, start: int) -> None:
+    """One leader on a clearance, one on a way that begins just now (10), one of whom only place and speed are known."""
+    book = Book()
+    book.add(replace(cleared("a", 5.0), start=start))
+    ahead = nobody(2)
+    ahead.row[0] = book.row["a"]
+    ahead.number[1, X], ahead.number[1, V], ahead.number[1, B] = 30.0, SPEED_MPS, 4.5
+    ways = ways_of(book.rows)
+    now = room_behind(ahead, late, 10, 0, 50, ways)
+    ago = room_behind(ahead, late, 10, 3, 53, ways)
+    assert np.allclose(ago.x[:, 3:], now.x)
+    assert np.allclose(ago.v[:, 3:], now.v)
+    assert np.allclose(ago.x[:, 0], now.x[:, 0] - 3.0 * SPEED_MPS * STEP_S)
 
 
 def test_exit_ways_are_nobodys_reservations() -> None:

@@ -93,8 +93,8 @@ def crossing(
     interlock = parameters.interlock
     movement, footprint = int(snapshot.movement[i]), int(snapshot.footprint[i])
     target, ahead = slot, ahead_of(i, scene)
-    nominal = room_behind(ahead, False, scene.cycle, HORIZON, ways)
-    worst = room_behind(ahead, True, scene.cycle, HORIZON, ways)
+    nominal = room_behind(ahead, False, scene.cycle, 0, HORIZON, ways)
+    worst = room_behind(ahead, True, scene.cycle, 0, HORIZON, ways)
     for _ in range(interlock.retries + 1):
         driven = _driven(snapshot, ground, scene, nominal, worst, i, target, parameters)
         if driven is None:

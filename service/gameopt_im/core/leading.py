@@ -25,9 +25,9 @@ class Scene(NamedTuple):
     how long a vehicle is to those behind it in its lane; `leaders` (n, R) and `downstream` as in `Limits`, `apart`
     (M, M) as in `Ground`. `floor` and `sight` are the lowest speed of the exit law and where sight ends on the exit
     lane, `decel` is the law's deceleration. `uncleared` ones lead nobody on an exit lane.
-    `heard_x` and `heard_v` are what a vehicle said `ago` control cycles before this one.
-    `way` is the row of a vehicle's reservation or exit way, LOOSE for none;
-    `exiting` marks the latter, `asked` those whose clearance is asked back. `cycle` is the control cycle.
+    `heard_x` and `heard_v` are what a vehicle said `ago` control cycles before this one, `cycle`. `way` is the row of
+    a vehicle's reservation or exit way, LOOSE for none; `exiting` marks the latter, `asked` those whose clearance is
+    asked back.
     """
 
     cycle: int
@@ -100,8 +100,8 @@ class Room(NamedTuple):
 
 
 @kernel
-def room_behind(ahead: Ahead, late: bool, cycle: int, steps: int, ways: Ways) -> Room:
-    """The room behind leaders for `steps` steps from a control cycle, in the worst case if `late`.
+def room_behind(ahead: Ahead, late: bool, cycle: int, ago: int, steps: int, ways: Ways) -> Room:
+    """The room behind leaders for `steps` steps from `ago` control cycles before this one, in the worst case if `late`.
 
     Before its beginning a way came at its first speed. Past its end a profile goes on at its last speed: if it stood
     still there its follower's would stop behind it, that one's follower's a little sooner, and so on through an
@@ -114,7 +114,7 @@ def room_behind(ahead: Ahead, late: bool, cycle: int, steps: int, ways: Ways) ->
     for m in range(count):
         row, number = ahead.row[m], ahead.number[m]
         back, shift, since, until = number[BACK], number[SHIFT], number[SINCE], number[UNTIL]
-        first = min(cycle - ways.start[row], last) if row >= 0 else 0
+        first = min(cycle - ago - ways.start[row], last) if row >= 0 else 0
         for k in range(steps):
             if row >= 0:
                 at = min(max(first + k, 0), last)
@@ -123,11 +123,12 @@ def room_behind(ahead: Ahead, late: bool, cycle: int, steps: int, ways: Ways) ->
                 if not late:
                     x = x + v * STEP_S * max(0, first + k - last)
             else:
-                time, x, v = k * STEP_S, number[X], number[V]
+                time, x, v = (k - ago) * STEP_S, number[X], number[V]
                 if late:
                     moving = min(time, v / number[B])
-                    x = x + v * moving - 0.5 * number[B] * (moving * moving)
-                    v = max(0.0, v - number[B] * time)
+                    braking = max(moving, 0.0)
+                    x = x + v * moving - 0.5 * number[B] * (braking * braking)
+                    v = max(0.0, v - number[B] * max(time, 0.0))
                 else:
                     x = x + v * time
             room.x[m, k] = NEVER if x + shift < since or x >= until else x - back

@@ -77,7 +77,7 @@ def drive_exits(exiting: Ints, scene: Scene, ways: Ways) -> None:
             ways.v[row, k] = v0
         held_back(
             x0, v0, ways.v[row], 0, (scene.length[i], scene.a[i], scene.b[i]), -NEVER, law_of(i, scene),
-            room_behind(ahead_on_exit(i, scene), True, scene.cycle, steps, ways), ways.late_x[row], ways.late_v[row],
+            room_behind(ahead_on_exit(i, scene), True, scene.cycle, 0, steps, ways), ways.late_x[row], ways.late_v[row],
         )  # fmt: skip
         scene.way[i], scene.exiting[i] = row, True
 

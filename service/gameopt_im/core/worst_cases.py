@@ -45,9 +45,10 @@ def bring_up_to_date(order: Ints, scene: Scene, rows: Rows) -> Bools:
         rows.told[row] = then
         x = scene.heard_x[i]
         strayed[n] = not rows.late_x[row, k] - OFF_PROFILE_M <= x <= rows.x[row, k] + OFF_PROFILE_M
+        room = room_behind(ahead_of(i, scene), True, scene.cycle, scene.ago[i], steps - k, ways)
         held_back(
             x, scene.heard_v[i], rows.v[row], k, (rows.length[row], scene.a[i], rows.b[row]), scene.clear[i],
-            law_of(i, scene), room_behind(ahead_of(i, scene), True, then, steps - k, ways), late_x, late_v,
+            law_of(i, scene), room, late_x, late_v,
         )  # fmt: skip
         rows.late_x[row, k:] = late_x[k:]
         rows.late_v[row, k:] = late_v[k:]

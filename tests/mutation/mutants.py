@@ -240,7 +240,7 @@ MUTANTS = (
     Mutant(
         "strangers are trusted to go on",
         f"{CORE}/leading.py",
-        "x = x + v * moving - 0.5 * number[B] * (moving * moving)",
+        "x = x + v * moving - 0.5 * number[B] * (braking * braking)",
         "x = x + v * time",
         f"{UNIT}/test_granting.py::test_nobody_is_cleared_into_a_queue_of_strangers",
     ),

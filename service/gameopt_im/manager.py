@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -203,8 +203,8 @@ class Manager:
     def _write_ledger(self, settled: Settled, time_s: float) -> list[LedgerEntry]:
         """An entry when a clearance is taken and paid for, and again when its vehicle has left the zone."""
         entries, events = [], self._tracker.take_events()
-        _say(log.warning, "vehicles lost", [event.vehicle for event in events if event.kind == "lost"])
-        _say(log.info, "vehicles left out", [event.vehicle for event in events if event.kind == "stale"])
+        _say("warning", "vehicles lost", [event.vehicle for event in events if event.kind == "lost"])
+        _say("info", "vehicles left out", [event.vehicle for event in events if event.kind == "stale"])
         for event in events:
             if event.kind == "entered":
                 self._entered[event.vehicle] = event.entered_s
@@ -276,10 +276,10 @@ class Manager:
     def _log(self, settled: Settled, picture: Picture, snapshot: Snapshot) -> None:
         """What should not happen is said once per control cycle; what happens all the time is not."""
         intruding = [snapshot.ids[i] for i in np.flatnonzero(picture.limits.phase == INTRUDING)]
-        _say(log.info, "clearances lapsed", [lapsed.vehicle for lapsed in settled.lapsed])
-        _say(log.warning, "in the zone without a clearance", intruding)
-        _say(log.warning, "strayed from their profiles", picture.strayed)
-        _say(log.warning, "clearances withdrawn", picture.withdrawn)
+        _say("info", "clearances lapsed", [lapsed.vehicle for lapsed in settled.lapsed])
+        _say("warning", "in the zone without a clearance", intruding)
+        _say("warning", "strayed from their profiles", picture.strayed)
+        _say("warning", "clearances withdrawn", picture.withdrawn)
         refused = self._tracker.rejected["overload"]
         if refused > self._refused:
             if snapshot.cycle > self._refusing_until:
@@ -287,10 +287,10 @@ class Manager:
             self._refused, self._refusing_until = refused, snapshot.cycle + QUIET_CYCLES
 
 
-def _say(tell: Callable[..., object], what: str, vehicles: Sequence[str]) -> None:
+def _say(level: str, what: str, vehicles: Sequence[str]) -> None:
     """One line, however many there are: a line each would take longer than the control cycle has."""
     if vehicles:
-        tell(what, vehicles=len(vehicles), first=vehicles[:NAMED])
+        getattr(log, level)(what, vehicles=len(vehicles), first=vehicles[:NAMED])
 
 
 def _offer(reservation: Reservation | None, now_s: float) -> Clearance | None:

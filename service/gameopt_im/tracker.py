@@ -14,6 +14,7 @@ Between states a vehicle is predicted (`tracking.predicted`), and marked silent 
 
 from __future__ import annotations
 
+from bisect import insort
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -89,7 +90,8 @@ class Tracker:
         service, stretch_m = parameters.service, parameters.exit.distance_m
         self._patience = Patience(service.stale_s, service.hold_s, stretch_m, stretch_m + AFTER_EXIT_M)
         self._vehicles: dict[str, Tracked] = {}
-        self._ordered: list[Tracked] | None = None
+        self._ordered: list[Tracked] = []
+        """The same by zone entry, then id."""
         self.reserved: Collection[str] = _NOBODY
         """Who has a clearance, offered or accepted: they may not change their body. To be brought up to date once a
         control cycle has granted."""
@@ -101,7 +103,8 @@ class Tracker:
     def reset(self) -> None:
         """Forgets every vehicle without a word, as when lock-step time begins anew; counters go on."""
         self._vehicles.clear()
-        self._ordered, self.reserved = None, _NOBODY
+        self._ordered.clear()
+        self.reserved = _NOBODY
         self._bids.clear()
         self._gone.clear()
         self._events.clear()
@@ -187,7 +190,7 @@ class Tracker:
         """
         self.reserved = reserved
         self._refuse()
-        present = self._in_order()
+        present = self._ordered
         heard = heard_of(present)
         held = self._are_reserved(present)
         become = self._fates(heard, held, time_s)
@@ -195,7 +198,7 @@ class Tracker:
             for vehicle, fate in zip(present, become.tolist(), strict=True):
                 if fate != STAYS:
                     self._drop(vehicle, FATES[fate], time_s)
-            present, heard, held = self._in_order(), heard.only(become == STAYS), held[become == STAYS]
+            present, heard, held = self._ordered, heard.only(become == STAYS), held[become == STAYS]
         self._forget(time_s)
         self.fallbacks = int(np.count_nonzero(heard.fallback))
         silent_s = SILENT_CYCLES[self._clock] * STEP_S
@@ -210,16 +213,18 @@ class Tracker:
         came = [self._vehicles.get(event.vehicle) for event in self._events if event.kind == "entered"]
         names = refused([vehicle for vehicle in came if vehicle is not None], excess)
         for name in names:
-            del self._vehicles[name]
+            self._remove(name)
             self.rejected["overload"] += 1
         self._events = [event for event in self._events if event.kind != "entered" or event.vehicle not in names]
-        self._ordered = None
 
-    def _in_order(self) -> list[Tracked]:
-        """The vehicles by zone entry, then id."""
-        if self._ordered is None:
-            self._ordered = sorted(self._vehicles.values(), key=lambda each: (each.entered_s, each.state.vehicle))
-        return self._ordered
+    def _add(self, vehicle: Tracked) -> None:
+        self._vehicles[vehicle.state.vehicle] = vehicle
+        insort(self._ordered, vehicle, key=lambda each: (each.entered_s, each.state.vehicle))
+
+    def _remove(self, name: str) -> Tracked:
+        vehicle = self._vehicles.pop(name)
+        self._ordered = [each for each in self._ordered if each is not vehicle]
+        return vehicle
 
     def _are_reserved(self, present: Sequence[Tracked]) -> Bools:
         return np.array([vehicle.state.vehicle in self.reserved for vehicle in present], dtype=np.bool_)
@@ -229,8 +234,7 @@ class Tracker:
 
     def _drop(self, vehicle: Tracked, fate: EventKind, time_s: float) -> None:
         name = vehicle.state.vehicle
-        del self._vehicles[name]
-        self._ordered = None
+        self._remove(name)
         self._bids.pop(name, None)
         self._gone[name] = vehicle.state
         self._tell(fate, vehicle, time_s)
@@ -280,7 +284,9 @@ class Tracker:
                 return  # it still speaks of the way behind the exit; that is nobody's entry
             self._tell("entered", vehicle, now_s)
         vehicle.note(self._term)
-        self._vehicles[state.vehicle], self._ordered = vehicle, None
+        if known is not None:
+            self._remove(state.vehicle)
+        self._add(vehicle)
 
     def _forget(self, time_s: float) -> None:
         """Bids of vehicles that never came or have gone, and the gone, once their messages are too old to be taken."""

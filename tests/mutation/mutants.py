@@ -65,8 +65,8 @@ MUTANTS = (
     Mutant(
         "a worst case without leaders",
         f"{CORE}/profiles.py",
-        "u = max(0.0, late_v[k] - b * STEP_S, min(u, rule))",
-        "u = max(0.0, late_v[k] - b * STEP_S, u)",
+        "u, possible = follow(x, now, b, u, k - first, room)",
+        "possible = True",
         f"{UNIT}/test_granting.py::test_the_worst_case_is_slower_behind_a_braking_leader",
     ),
     Mutant(
@@ -107,8 +107,8 @@ MUTANTS = (
     Mutant(
         "a worst case behind leaders at their best",
         f"{CORE}/granting.py",
-        "worst = room_behind(ahead, True, scene.cycle, 0, HORIZON, ways)",
-        "worst = room_behind(ahead, False, scene.cycle, 0, HORIZON, ways)",
+        "worst = room_behind(ahead, True, scene.cycle, 0, ways)",
+        "worst = room_behind(ahead, False, scene.cycle, 0, ways)",
         f"{UNIT}/test_granting.py::test_a_follower_reserves_for_its_leaders_worst_case",
     ),
     Mutant(
@@ -121,7 +121,7 @@ MUTANTS = (
     Mutant(
         "leaders that nothing is known of taken to have been where they are now",
         f"{CORE}/leading.py",
-        "time, x, v = (k - ago) * STEP_S,",
+        "time, x, v = (k - room.ago) * STEP_S,",
         "time, x, v = k * STEP_S,",
         f"{UNIT}/test_worst_cases.py::test_the_room_from_some_time_ago_is_the_room_from_now_with_what_went_before",
     ),
@@ -247,8 +247,8 @@ MUTANTS = (
     Mutant(
         "silent vehicles overtake",
         f"{CORE}/interlock.py",
-        "lane_leaders(snapshot.lane, movement, x, worst_x, span, ground.apart, ground.rank)",
-        "lane_leaders(snapshot.lane, movement, x, x, span, ground.apart, ground.rank)",
+        "lane_leaders(lane, movement, x, worst_x, span, apart, rank)",
+        "lane_leaders(lane, movement, x, x, span, apart, rank)",
         f"{UNIT}/test_silence.py::test_who_is_silent_is_not_taken_to_have_overtaken",
     ),
     Mutant(
@@ -303,7 +303,7 @@ MUTANTS = (
     Mutant(
         "an overflow bound that costs nothing",
         f"{CORE}/auction.py",
-        "(1.0 - alpha[passed[r]]) - cost[r].sum()",
+        "(1.0 - alpha[passed[r]]) - cost[r]",
         "(1.0 - alpha[passed[r]])",
         f"{UNIT}/test_auction.py::test_a_blocked_bid_passes_a_share_of_its_bound_to_the_one_ahead",
     ),

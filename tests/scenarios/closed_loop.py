@@ -16,6 +16,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -128,15 +129,18 @@ def break_rear_end_rule() -> None:
     """Rule 2 taken out of the manager's interlock and granting, and out of the vehicles' own radar."""
     from gameopt_im.core import granting, interlock
     from gameopt_im.core.kinematics import NEVER
-    from gameopt_im.core.leading import nobody
     from gameopt_vehicles import driving
 
-    def nobody_ahead(x: Any, *_: object) -> Any:
-        return np.full(len(x), NEVER)
+    bound = interlock.limits
+    interlock.limits = lambda *given: replace(bound(*given), follow=np.full(len(given[0]), NEVER))
+    crossing = granting.crossing
 
-    interlock.follow_limit = nobody_ahead
-    interlock.exit_law = lambda snapshot, *_: np.full(len(snapshot), NEVER)
-    granting.ahead_of = lambda *_: nobody(0)
+    def alone(snapshot: Any, ground: Any, stack: Any, scene: Any, *more: Any) -> Any:
+        nobody = np.full_like(scene.leaders, -1)
+        nowhere = {"bound": np.arange(len(snapshot)), "stranger_x": np.full(len(snapshot), NEVER)}
+        return crossing(snapshot, ground, stack, scene._replace(leaders=nobody, **nowhere), *more)
+
+    granting.crossing = alone
     driving.radar_limit = lambda _: float("inf")
 
 

@@ -13,7 +13,7 @@ from gameopt_im.core.conflicts import PAPER_GROUPS, ground
 from gameopt_im.core.decision import Picture
 from gameopt_im.core.interlock import Limits
 from gameopt_im.core.kinematics import NEVER
-from gameopt_im.core.leading import Room
+from gameopt_im.core.leading import Room, room_of
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.program import Traffic
 from gameopt_im.core.reservations import Book
@@ -163,7 +163,8 @@ def picture_of(cars: Snapshot, book: Book) -> Picture:
 
 def behind(room: NDArray[np.float64], v: NDArray[np.float64]) -> Room:
     """One leader that leaves this much room and drives at v, step by step."""
-    return Room(room[None], v[None], np.full(1, 4.5))
+    made: Room = room_of(room, v, 4.5, 0.0, -NEVER)
+    return made
 
 
 def braking(x0: float, v0: float, b: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -14,7 +14,7 @@ from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.profiles import STOP_PLAY_M, drive, held_back
 from gameopt_im.core.reservations import Book, clash
 from gameopt_im.core.snapshot import Floats, Snapshot
-from gameopt_im.core.windows import HORIZON, clear_time, overlap
+from gameopt_im.core.windows import HORIZON, overlap, time_at
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
 
@@ -80,9 +80,9 @@ def test_who_would_clash_is_aimed_later() -> None:
     assert [each.vehicle for each in made.given] == ["a", "b"]
     assert [each.clearance for each in made.given] == [1, 2]
     first, second = made.given
-    rear_out = clear_time(first.late_x, 9.0 + 5.0)
-    assert clear_time(second.x, 11.0) >= rear_out + PARAMETERS.interlock.margin_s
-    assert clear_time(second.x, 0.0) > clear_time(first.x, 0.0)
+    rear_out = time_at(first.late_x, 0, 9.0 + 5.0)
+    assert time_at(second.x, 0, 11.0) >= rear_out + PARAMETERS.interlock.margin_s
+    assert time_at(second.x, 0, 0.0) > time_at(first.x, 0, 0.0)
 
 
 def test_who_would_clash_without_a_slot_is_refused() -> None:

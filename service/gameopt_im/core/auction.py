@@ -163,7 +163,7 @@ def _transferred(bids: Floats, lines: Queues, group: Ints, ratio: float, share: 
     for r in range(giver.shape[0]):
         # With alpha_k = ratio^(k-1) only the differences of turns count: passing m vehicles of bids b_1 .. b_m makes
         # `transfer_bound` zeta (1 - ratio^m) - sum_t b_t (1 - ratio) ratio^(t-1).
-        bound = bids[row[r], giver[r]] * (1.0 - alpha[passed[r]]) - cost[r].sum()
+        bound = bids[row[r], giver[r]] * (1.0 - alpha[passed[r]]) - cost[r]
         amount[r] = share * max(bound, 0.0)
     return bids + _moved(amount, lines.slots, lines.lane, lines.place, group, ranks, row, giver)
 
@@ -180,17 +180,17 @@ def _passed(
     giver: Ints,
     alpha: Floats,
 ) -> tuple[Floats, Ints]:
-    """(cost (R, n), number (R,)) of the vehicles that each of R givers would pass, by their turns.
+    """(cost (R,), number (R,)) of the vehicles that each of R givers would pass, by their turns.
 
     Giver `giver[r]` is one under weight vector `row[r]`; `weighed` (K, n) are the bids times 1 - ratio.
     """
-    cost, passed = np.zeros((len(giver), orders.shape[1])), np.zeros(len(giver), np.int64)
+    cost, passed = np.zeros(len(giver)), np.zeros(len(giver), np.int64)
     for r in range(len(giver)):
         k, i = row[r], giver[r]
-        for turn, j in enumerate(orders[k]):
+        for j in orders[k]:
             between = ranks[k, i] < held[k, j] < held[k, i]
             if between and group[j] == group[i] and lane[j] != lane[i]:
-                cost[r, turn] = weighed[k, j] * alpha[passed[r]]
+                cost[r] += weighed[k, j] * alpha[passed[r]]
                 passed[r] += 1
     return cost, passed
 

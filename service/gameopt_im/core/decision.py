@@ -55,7 +55,7 @@ def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
     )  # fmt: skip
 
     def of(mask: Bools) -> tuple[Reservation, ...]:
-        return tuple(book.held[snapshot.ids[i]] for i in np.flatnonzero(mask))
+        return tuple(book.held[snapshot.ids[i]] for i in mask.nonzero()[0])
 
     settled = Settled(of(taken), of(end == LAPSED), of(end == LEFT), of(end == RETURNED))
     for reservation in settled.accepted:
@@ -200,10 +200,10 @@ def conclude(
         _price(snapshot, book, who, winner, grants, parameters)
     row = book.rows_of(snapshot.ids)
     crosses = follow_profiles(row, book.rows, snapshot.cycle, snapshot.s, limits.phase, planned, slots)
-    held = np.flatnonzero(row >= 0)
+    held = (row >= 0).nonzero()[0]
     return Conclusion(
         speeds=interlock.bounded(planned, limits),
-        order=np.concatenate((held[np.argsort(crosses[held], kind="stable")], order[row[order] < 0])),
+        order=np.concatenate((held[crosses[held].argsort(kind="stable")], order[row[order] < 0])),
         slots=slots,
         grants=grants,
     )

@@ -44,7 +44,9 @@ def schedule(
     head, ahead = queue[:, 0].copy(), np.zeros(lanes, np.int64)
     seen = np.full(lanes, -1)  # placed windows that the lane's head agrees with; -1: it has no slot yet
     past, past_kind = np.zeros(lanes, np.int64), np.full(lanes, -1)  # windows that are over for all of the lane
-    count, placed = np.zeros(kinds, np.int64), np.empty((kinds, n, 5))
+    count, placed, left = np.zeros(kinds, np.int64), np.empty((kinds, n, 5)), np.zeros(kinds, np.int64)
+    for c in kind:
+        left[c] += 1  # still to be placed
     for turn in range(n):
         best, chosen = -1, -1
         for k in range(lanes):
@@ -68,8 +70,9 @@ def schedule(
             if best < 0 or score[i] > score[chosen] or earlier:
                 best, chosen = k, i
         taken[turn], seen[best] = chosen, -1
+        left[kind[chosen]] -= 1
         car = car_of(cars[chosen])
-        enter_windows(car, slot[chosen], line[chosen], course.ground[kind[chosen]], rules, count, placed)
+        enter_windows(car, slot[chosen], line[chosen], course.ground[kind[chosen]], rules, left, count, placed)
         ahead[best] += 1
         head[best] = queue[best, ahead[best]] if ahead[best] < queue.shape[1] else -1
         if head[best] >= 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gameopt_im.core.kinematics import kernel
 from gameopt_im.core.snapshot import Bools, Floats, Ints
 from gameopt_wire.intersection import IntersectionMap, Movement
 from gameopt_wire.motion import REAR_GAP_M
@@ -32,13 +33,14 @@ def apart(intersection: IntersectionMap) -> Floats:
     return out
 
 
+@kernel
 def spans(length: Floats, path_m: Floats, turns_back: Bools, tail_m: Floats) -> Floats:
     """(n,): how long a vehicle is to those behind it in its lane, m.
 
     One that turns back stands beside its own lane with all of its body that its path over the junction does not hold:
     in a narrow turn it sweeps that much of the lane it came from. Any other is longer by its tail (`tails`).
     """
-    return np.asarray(length + np.where(turns_back, np.maximum(0.0, length - path_m), tail_m))
+    return length + np.where(turns_back, np.maximum(0.0, length - path_m), tail_m)
 
 
 def tails(intersection: IntersectionMap) -> Floats:

@@ -7,11 +7,9 @@ and then, if it is slow, rule 2 brakes the second in the conflict zone: it comes
 
 from __future__ import annotations
 
-import numpy as np
-
 from gameopt_im.core.conflicts import Ground
-from gameopt_im.core.kinematics import NEVER, kernel
-from gameopt_im.core.leading import Room, Ways, ways_of
+from gameopt_im.core.kinematics import kernel
+from gameopt_im.core.leading import Ways, room_of, ways_of
 from gameopt_im.core.profiles import RULE_TOLERANCE_MPS, follow
 from gameopt_im.core.reservations import Book, Reservation
 from gameopt_im.core.snapshot import Floats
@@ -55,12 +53,12 @@ def _keeps_behind(
     The leader counts once its front is at `since`.
     """
     steps = ways.x.shape[1]
-    room = Room(np.where(lead_x >= since, lead_x - back, NEVER)[None], lead_v[None], np.full(1, lead_b))
+    room = room_of(lead_x, lead_v, lead_b, back, since)
     first = step_at(ways.start[row], cycle)
     for k in range(first, steps - 1):
-        x, v = ways.late_x[row, k], ways.late_v[row, k]
+        x, v, wanted = ways.late_x[row, k], ways.late_v[row, k], ways.late_v[row, k + 1]
         if x >= clear:
             return True
-        if follow(x, v, b, k - first, room)[0] < ways.late_v[row, k + 1] - RULE_TOLERANCE_MPS:
+        if follow(x, v, b, wanted, k - first, room)[0] < wanted - RULE_TOLERANCE_MPS:
             return False
     return True

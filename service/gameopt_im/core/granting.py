@@ -9,14 +9,14 @@ import numpy as np
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.followers import holds_up
 from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
-from gameopt_im.core.kinematics import NEVER, manner_of
-from gameopt_im.core.leading import Room, Scene, Ways, ahead_of, room_behind, ways_of
+from gameopt_im.core.kinematics import NEVER, Manner, kernel, manner_of
+from gameopt_im.core.leading import Scene, Ways, ahead_of, room_behind, ways_of
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.profiles import drive, held_back
 from gameopt_im.core.reservations import Book, Reservation, Stack, clash
 from gameopt_im.core.scene import law_of
 from gameopt_im.core.snapshot import Bools, Floats, Ints, Snapshot
-from gameopt_im.core.windows import HORIZON, clear_time
+from gameopt_im.core.windows import HORIZON, time_at
 from gameopt_wire.messages import STEP_S
 
 NO_SLOT = -1.0
@@ -90,79 +90,77 @@ def crossing(
     parameters: Parameters,
 ) -> Reservation | None:
     """A crossing of vehicle i that is disjoint from every reservation, aimed at its slot or later; None if none is."""
-    interlock = parameters.interlock
+    interlock, planner = parameters.interlock, parameters.planner
     movement, footprint = int(snapshot.movement[i]), int(snapshot.footprint[i])
-    target, ahead = slot, ahead_of(i, scene)
-    nominal = room_behind(ahead, False, scene.cycle, 0, HORIZON, ways)
-    worst = room_behind(ahead, True, scene.cycle, 0, HORIZON, ways)
-    for _ in range(interlock.retries + 1):
-        driven = _driven(snapshot, ground, scene, nominal, worst, i, target, parameters)
-        if driven is None:
-            return None
-        x, v, late_x, late_v, done = driven
-        later = clash(
-            x, late_x, float(snapshot.length[i]), movement, footprint,
-            stack.x, stack.late_x, stack.first, stack.movement, stack.footprint, stack.length,
-            ground.windows, interlock.margin_s, interlock.margin_m,
-        )  # fmt: skip
-        if later <= 0.0:
-            return Reservation(
-                vehicle=snapshot.ids[i], clearance=0, start=snapshot.cycle, movement=movement,
-                footprint=footprint, lane=int(snapshot.lane[i]), length=float(snapshot.length[i]),
-                b=float(snapshot.b_max[i]), x=x, v=v, late_x=late_x, late_v=late_v, done=done,
-                start_s=snapshot.time_s, expires_s=snapshot.time_s + interlock.offer_valid_s,
-            )  # fmt: skip
-        if slot == NO_SLOT or later >= NEVER / 2:
-            return None
-        target = max(target, clear_time(x, 0.0)) + later + 0.01
-        if target > HORIZON * STEP_S / 2:
-            return None
-    return None
-
-
-def _driven(
-    snapshot: Snapshot,
-    ground: Ground,
-    scene: Scene,
-    nominal: Room,
-    worst: Room,
-    i: int,
-    slot: float,
-    parameters: Parameters,
-) -> tuple[Floats, Floats, Floats, Floats, int] | None:
-    """(x, v, worst-case x, worst-case v, step clear in the worst case) of one crossing; None if it cannot be driven.
-
-    `nominal` and `worst` are the room behind its leaders.
-    """
-    movement = int(snapshot.movement[i])
-    planner = parameters.planner
-    turn = min(float(ground.turn_mps[movement]), NEVER)
-    top = float(snapshot.v_max[i])
-    body = (
-        float(snapshot.length[i]),
-        float(snapshot.a_max[i]) * planner.accel_share,
-        float(snapshot.b_max[i]),
-        top,
-        float(min(top, ground.exit_mps[movement])),
-    )
-    way = (
-        turn,
-        float(ground.length[movement]),
-        float(ground.clear[movement]),
-        min(turn, top),
-        1.0 if slot == NO_SLOT else 0.0,
-    )
-    x, v, late_x, late_v = (np.empty(HORIZON) for _ in range(4))
-    done = drive(-float(snapshot.s[i]), float(snapshot.v[i]), slot, body, way, manner_of(planner), nominal, x, v)
+    turn, top = min(float(ground.turn_mps[movement]), NEVER), float(snapshot.v_max[i])
+    length, b = float(snapshot.length[i]), float(snapshot.b_max[i])
+    exit_top = float(min(top, ground.exit_mps[movement]))
+    body = length, float(snapshot.a_max[i]) * planner.accel_share, b, top, exit_top
+    slotless = 1.0 if slot == NO_SLOT else 0.0
+    way = turn, float(ground.length[movement]), float(ground.clear[movement]), min(turn, top), slotless
+    x, v, late_x, late_v = np.empty((4, HORIZON))
+    done = cross(
+        i, slot, footprint, body, way, manner_of(planner), scene, ways, stack, ground.windows,
+        interlock.margin_s, interlock.margin_m, interlock.retries, x, v, late_x, late_v,
+    )  # fmt: skip
     if done < 0:
         return None
-    late = held_back(
-        x[0], v[0], v, 0, (body[0], body[1], body[2]), way[2], law_of(i, scene),
-        worst, late_x, late_v,
+    return Reservation(
+        vehicle=snapshot.ids[i], clearance=0, start=snapshot.cycle, movement=movement, footprint=footprint,
+        lane=int(snapshot.lane[i]), length=length, b=b, x=x, v=v, late_x=late_x, late_v=late_v, done=done,
+        start_s=snapshot.time_s, expires_s=snapshot.time_s + interlock.offer_valid_s,
     )  # fmt: skip
-    if late < 0:
-        return None
-    return x, v, late_x, late_v, max(late, done)
+
+
+@kernel
+def cross(
+    i: int,
+    slot: float,
+    footprint: int,
+    body: tuple[float, float, float, float, float],
+    way: tuple[float, float, float, float, float],
+    manner: Manner,
+    scene: Scene,
+    ways: Ways,
+    stack: Stack,
+    windows: Floats,
+    margin_s: float,
+    margin_m: float,
+    retries: int,
+    x: Floats,
+    v: Floats,
+    late_x: Floats,
+    late_v: Floats,
+) -> int:
+    """Drive vehicle i over the zone at its slot, or at the first later one that clashes with no reservation.
+
+    Fills in the profile and its worst case; the step at which the rear is clear in the worst case, -1 for no crossing.
+    `body` and `way` as in `profiles.drive`.
+    """
+    ahead, target = ahead_of(i, scene), slot
+    nominal = room_behind(ahead, False, scene.cycle, 0, ways)
+    worst = room_behind(ahead, True, scene.cycle, 0, ways)
+    for _ in range(retries + 1):
+        done = drive(scene.x[i], scene.v[i], target, body, way, manner, nominal, x, v)
+        if done < 0:
+            return -1
+        late = held_back(
+            x[0], v[0], v, 0, (body[0], body[1], body[2]), way[2], law_of(i, scene), worst, late_x, late_v
+        )  # fmt: skip
+        if late < 0:
+            return -1
+        later = clash(
+            x, late_x, body[0], scene.movement[i], footprint, stack.x, stack.late_x, stack.first, stack.movement,
+            stack.footprint, stack.length, windows, margin_s, margin_m,
+        )  # fmt: skip
+        if later <= 0.0:
+            return max(late, done)
+        if slot == NO_SLOT or later >= NEVER / 2:
+            return -1
+        target = max(target, time_at(x, 0, 0.0)) + later + 0.01
+        if target > HORIZON * STEP_S / 2:
+            return -1
+    return -1
 
 
 def intrusions(snapshot: Snapshot, limits: Limits) -> list[tuple[int, Reservation]]:
@@ -171,7 +169,7 @@ def intrusions(snapshot: Snapshot, limits: Limits) -> list[tuple[int, Reservatio
     They hold the ground from the earliest they could be on it to the latest: full ahead, or at a crawl.
     """
     made = []
-    for i in np.flatnonzero(limits.phase == INTRUDING):
+    for i in (limits.phase == INTRUDING).nonzero()[0]:
         x0, v0 = -float(snapshot.s[i]), float(snapshot.v[i])
         times: Floats = np.arange(HORIZON, dtype=np.float64) * STEP_S
         fast: Floats = x0 + np.minimum(v0 + snapshot.a_max[i] * times, max(v0, snapshot.v_max[i])) * times

@@ -81,16 +81,20 @@ def _phases(
 
 def can_stop(snapshot: Snapshot, ground: Ground) -> Bools:
     """Who could stop before its line by what was heard. Rule 1's tolerance lets a vehicle ride its curve exactly."""
-    setback = ground.setback[snapshot.movement, snapshot.footprint]
-    return _can_stop(snapshot.heard_s, snapshot.heard_v, snapshot.b_max, setback)
+    return np.asarray(
+        _can_stop(
+            snapshot.heard_s, snapshot.heard_v, snapshot.b_max, ground.setback, snapshot.movement, snapshot.footprint
+        )
+    )
 
 
 @kernel
-def _can_stop(s: Floats, v: Floats, b: Floats, setback: Floats) -> Bools:
+def _can_stop(s: Floats, v: Floats, b: Floats, setbacks: Floats, movement: Ints, footprint: Ints) -> Bools:
     able = np.empty(s.shape[0], np.bool_)
     for i in range(s.shape[0]):
-        room = s[i] - setback[i] - motion.STOP_OFFSET_M + 0.05
-        able[i] = 0.5 * v[i] ** 2 / b[i] <= max(room, 0.0) + 1e-6 and s[i] >= setback[i]
+        setback = setbacks[movement[i], footprint[i]]
+        room = s[i] - setback - motion.STOP_OFFSET_M + 0.05
+        able[i] = 0.5 * v[i] ** 2 / b[i] <= max(room, 0.0) + 1e-6 and s[i] >= setback
     return able
 
 
@@ -102,7 +106,7 @@ def at_worst(snapshot: Snapshot, ground: Ground, book: Book, phase: Ints, limits
     other has braked fully.
     """
     x, v = -snapshot.s, snapshot.v.copy()
-    for i in np.flatnonzero(snapshot.age > 0.0):
+    for i in (snapshot.age > 0.0).nonzero()[0]:
         reservation = book.held.get(snapshot.ids[i])
         heard_x, heard_v, age = -float(snapshot.heard_s[i]), float(snapshot.heard_v[i]), float(snapshot.age[i])
         if phase[i] == CLEARED and reservation is not None and not reservation.withdrawn:
@@ -119,26 +123,14 @@ def at_worst(snapshot: Snapshot, ground: Ground, book: Book, phase: Ints, limits
 def at_best(snapshot: Snapshot, book: Book, phase: Ints) -> Floats:
     """x of each vehicle, as far ahead as it may be by what was heard: on its profile, if it has a clearance."""
     x = -snapshot.s
-    for i in np.flatnonzero((snapshot.age > 0.0) & (phase == CLEARED)):
+    for i in ((snapshot.age > 0.0) & (phase == CLEARED)).nonzero()[0]:
         reservation = book.held[snapshot.ids[i]]
         x[i] = max(x[i], float(reservation.x[reservation.step(snapshot.cycle)]))
     return x
 
 
-def unheard(snapshot: Snapshot, ground: Ground, leader: Ints, downstream: Ints, best_x: Floats) -> Bools:
-    """Whose radar sees a vehicle on the approach that may not be the one that the manager takes for its leader.
-
-    The states of that one may all be lost, so it has no clearance, and whoever is behind it cannot cross. In between
-    would be at the least a standing gap; a leader may also have moved on since the follower spoke.
-    """
-    return _unheard(
-        snapshot.gap, snapshot.heard_s, snapshot.v, snapshot.length, snapshot.age, leader, downstream, best_x,
-        ground.length[snapshot.movement],
-    )  # fmt: skip
-
-
 @kernel
-def _unheard(
+def unheard(
     gap: Floats,
     s: Floats,
     v: Floats,
@@ -149,6 +141,11 @@ def _unheard(
     best_x: Floats,
     path: Floats,
 ) -> Bools:
+    """(n,): whose radar sees a vehicle on the approach that may not be the one that the manager takes for its leader.
+
+    The states of that one may all be lost, so it has no clearance, and whoever is behind it cannot cross. In between
+    would be at the least a standing gap; a leader may also have moved on since the follower spoke.
+    """
     out = np.empty(s.shape[0], np.bool_)
     for i in range(s.shape[0]):
         known = 0.0  # where the rear of the nearest that is known may have been, past the line
@@ -169,20 +166,14 @@ def _slowed(x: float, v: float, b: float, slowest: float, time: float) -> tuple[
     return x + 0.5 * (v + end) * braking + end * (time - braking), end
 
 
-def exit_law(snapshot: Snapshot, leader: Ints, along: Floats, limits: Exit, exit_mps: Floats) -> Floats:
-    """Speed that opens the headway to the leader on the exit, m/s: gently, and never to a crawl by itself."""
-    return _opening(
-        snapshot.v, snapshot.a_max, snapshot.length, snapshot.age, leader, along, limits.headway_s, limits.decel_mps2,
-        exit_mps,
-    )  # fmt: skip
-
-
+NEAR_EXIT_M = -30.0
+"""Who is farther from its exit lane than this has not to mind yet who is on it, m."""
 OPENING_TIME_S = 8.0
 """A missing metre of headway is opened over this long, s."""
 
 
 @kernel
-def _opening(
+def exit_law(
     v: Floats,
     a: Floats,
     length: Floats,
@@ -193,6 +184,7 @@ def _opening(
     decel: float,
     exit_mps: Floats,
 ) -> Floats:
+    """Speed that opens the headway to the leader on the exit, m/s: gently, and never to a crawl by itself."""
     out = np.full(v.shape[0], NEVER)
     for i in range(v.shape[0]):
         j = leader[i]
@@ -206,38 +198,70 @@ def _opening(
 
 def limits(snapshot: Snapshot, ground: Ground, book: Book, exit_parameters: Exit) -> Limits:
     """What each vehicle may do next, by rules 1, 2 and 3."""
-    phase, age = phases(snapshot, ground, book), snapshot.age
+    phase = phases(snapshot, ground, book)
     worst_x, worst_v = at_worst(snapshot, ground, book, phase, exit_parameters)
-    x, v, b = -snapshot.s, snapshot.v, snapshot.b_max
-    movement = snapshot.movement
-    along = x - ground.length[movement]
-    tail = ground.tail[movement, snapshot.footprint]
-    span = spans(snapshot.length, ground.length[movement], ground.turns_back[movement], tail)
-    leaders = lane_leaders(snapshot.lane, movement, x, worst_x, span, ground.apart, ground.rank)
-    leader = nearest(leaders, worst_x)
-    downstream = exit_leaders(ground.exit_lane[movement], along, worst_x - ground.length[movement])
-    nothing = np.zeros(len(snapshot))
-    follow = np.full(len(snapshot), NEVER)
-    for each in leaders.T:
-        follow = np.minimum(follow, follow_limit(x, v, span, b, worst_x, worst_v, each.copy(), nothing))
-    near = np.where(along >= -30.0, downstream, -1)
-    offset = -ground.length[movement]
-    follow = np.minimum(follow, follow_limit(x, v, snapshot.length, b, worst_x, worst_v, near, offset))
-    exiting = phase == EXITING
-    opening = exit_law(snapshot, np.where(exiting, downstream, -1), along, exit_parameters, ground.exit_mps[movement])
-    follow = np.where(exiting, np.minimum(follow, opening), follow)
-    return Limits(
-        phase=phase,
-        leader=leader,
-        leaders=leaders,
-        downstream=downstream,
-        unheard=unheard(snapshot, ground, leader, downstream, at_best(snapshot, book, phase)),
-        stop=stop_limits(snapshot, ground, phase == UNCLEARED),
-        follow=follow,
-        turn=_turn_limits(snapshot, ground, exiting),
-        top=np.where(phase == CLEARED, snapshot.v_max, np.minimum(snapshot.v_max, v + snapshot.a_max * (STEP_S + age))),
-        floor=np.maximum(0.0, v - b * (STEP_S + age)),
-    )
+    found = _limits(
+        phase, snapshot.s, snapshot.v, snapshot.length, snapshot.a_max, snapshot.b_max, snapshot.v_max, snapshot.age,
+        snapshot.gap, snapshot.heard_s, snapshot.movement, snapshot.footprint, snapshot.lane,
+        worst_x, worst_v, at_best(snapshot, book, phase), ground.length, ground.tail, ground.turns_back, ground.setback,
+        ground.turn_mps, ground.exit_lane, ground.exit_mps, ground.apart, ground.rank,
+        exit_parameters.headway_s, exit_parameters.decel_mps2,
+    )  # fmt: skip
+    return Limits(phase, *found)
+
+
+@kernel
+def _limits(
+    phase: Ints,
+    s: Floats,
+    v: Floats,
+    length: Floats,
+    a: Floats,
+    b: Floats,
+    v_max: Floats,
+    age: Floats,
+    gap: Floats,
+    heard_s: Floats,
+    movement: Ints,
+    footprint: Ints,
+    lane: Ints,
+    worst_x: Floats,
+    worst_v: Floats,
+    best_x: Floats,
+    paths: Floats,
+    tails: Floats,
+    turns_back: Bools,
+    setbacks: Floats,
+    turns: Floats,
+    exit_lane: Ints,
+    exits: Floats,
+    apart: Floats,
+    rank: Ints,
+    headway_s: float,
+    decel: float,
+) -> tuple[Ints, Ints, Ints, Bools, Floats, Floats, Floats, Floats, Floats]:
+    """The fields of `Limits` after the phase: arrays (n,) of the snapshot, then those of the ground."""
+    n, path, exit_mps = s.shape[0], paths[movement], exits[movement]
+    tail, room = np.empty(n), np.empty(n)
+    for i in range(n):
+        tail[i], room[i] = tails[movement[i], footprint[i]], s[i] - setbacks[movement[i], footprint[i]]
+    x, along, exiting = -s, -s - path, phase == EXITING
+    span = spans(length, path, turns_back[movement], tail)
+    leaders = lane_leaders(lane, movement, x, worst_x, span, apart, rank)
+    leader, downstream = nearest(leaders, worst_x), exit_leaders(exit_lane[movement], along, worst_x - path)
+    near = np.where(along >= NEAR_EXIT_M, downstream, -1)
+    follow = follow_limit(x, v, length, b, worst_x, worst_v, near, -path)
+    for r in range(leaders.shape[1]):
+        column, nothing = leaders[:, r].copy(), np.zeros(n)
+        follow = np.minimum(follow, follow_limit(x, v, span, b, worst_x, worst_v, column, nothing))
+    opening = exit_law(v, a, length, age, np.where(exiting, downstream, -1), along, headway_s, decel, exit_mps)
+    reach = np.minimum(v_max, v + a * (STEP_S + age))
+    return (
+        leader, leaders, downstream, unheard(gap, heard_s, v, length, age, leader, downstream, best_x, path),
+        _stop_speeds(phase == UNCLEARED, room, v, b), np.minimum(follow, opening),
+        _turn_speeds((x < path) & ~exiting, s, v, b, turns[movement]), np.where(phase == CLEARED, v_max, reach),
+        np.maximum(0.0, v - b * (STEP_S + age)),
+    )  # fmt: skip
 
 
 def stop_limits(snapshot: Snapshot, ground: Ground, bound: Bools) -> Floats:
@@ -255,18 +279,12 @@ def _stop_speeds(bound: Bools, room: Floats, v: Floats, b: Floats) -> Floats:
     return out
 
 
-def _turn_limits(snapshot: Snapshot, ground: Ground, exiting: Bools) -> Floats:
-    """Rule 3 up to the end of the conflict zone, m/s; NEVER where no turning speed holds."""
-    turn = ground.turn_mps[snapshot.movement]
-    inside = (-snapshot.s < ground.length[snapshot.movement]) & ~exiting & np.isfinite(turn)
-    return _turn_speeds(inside, snapshot.s, snapshot.v, snapshot.b_max, turn)
-
-
 @kernel
 def _turn_speeds(inside: Bools, s: Floats, v: Floats, b: Floats, turn: Floats) -> Floats:
+    """Rule 3 up to the end of the conflict zone, m/s; NEVER where no turning speed holds."""
     out = np.full(s.shape[0], NEVER)
     for i in range(s.shape[0]):
-        if inside[i]:
+        if inside[i] and turn[i] < NEVER:
             out[i] = motion.turn_speed(s[i], v[i], b[i], STEP_S, turn[i])
     return out
 

@@ -18,9 +18,13 @@ from gameopt_im.core.parameters import Planner
 from gameopt_wire import motion
 
 kernel = numba.njit(cache=True, error_model="numpy")
+inlined = numba.njit(cache=True, error_model="numpy", inline="always")
 
 for _rule in (
+    motion.most_squared,
     motion.brake_speed,
+    motion.may_drive,
+    motion.reach,
     motion.stop_speed,
     motion.could_stop,
     motion.turn_speed,
@@ -119,24 +123,47 @@ def earliest_arrival(s: float, v: float, a: float, top: float, line: float, turn
 
 
 @kernel
-def cruise_guess(s: float, v: float, time: float, d: float, a: float, aim: float) -> float:
-    """The cruise speed of the way that most take to be there at `time`: brake, cruise, accelerate; 0 for none.
+def cruise_speed(s: float, v: float, time: float, end: float, first: float, last: float) -> float:
+    """The cruise speed of a way of length s from v to `end` that takes `time`; 0 for none.
 
-    From (v - h) / d + (aim - h) / a + cruise / h = time, which is quadratic in h; with a for -d where h > v, and
-    without the last part where h > aim.
+    `first`, `last` are s/m/s: what a change of speed takes at the beginning and at the end, negative for braking. From
+    (h - v) first + (end - h) last + cruise / h = time, which is quadratic in h.
     """
-    square, linear, rest = 0.5 / d, time - v / d, s - 0.5 * v * v / d
-    faster = (s - 0.5 * (aim * aim - v * v) / a) / max(time - (aim - v) / a, 1e-6)
-    if v < faster < aim:
-        return faster
-    for last in (1.0 / a, 0.0):
-        p, q, r = square + 0.5 * last, linear - aim * last, rest - 0.5 * aim * aim * last
-        root = q * q + 4.0 * p * r
-        if r > 0.0 and root > 0.0:
-            h = 2.0 * r / (q + math.sqrt(root))
-            if last == 0.0 or h < aim:
+    p, q = 0.5 * (last - first), time + v * first - end * last
+    r = s + 0.5 * v * v * first - 0.5 * end * end * last
+    root = q * q + 4.0 * p * r
+    if root < 0.0:
+        return 0.0
+    h = 2.0 * r / (q + math.sqrt(root)) if q >= 0.0 else (math.sqrt(root) - q) / (2.0 * p)
+    cruises = time - (h - v) * first - (end - h) * last >= 0.0
+    return h if cruises and h > 0.0 else 0.0
+
+
+@kernel
+def turning_point(s: float, v: float, time: float, d: float, a: float) -> float:
+    """The lowest speed of a way of length s that takes `time`, braking at d from v, then accelerating at a to its end.
+
+    From (v - h) / d + (end - h) / a = time and end^2 = h^2 + 2 a (s - (v^2 - h^2) / (2 d)); 0 for none.
+    """
+    k, left = 1.0 + a / d, time - v / d
+    p, q, r = k * (k - 1.0), k * a * left, a * a * left * left - 2.0 * a * s + (k - 1.0) * v * v
+    root = q * q - p * r
+    return max(0.0, (math.sqrt(root) - q) / p) if root > 0.0 else 0.0
+
+
+@kernel
+def cruise_guess(s: float, v: float, time: float, d: float, a: float, line: float, turn_b: float, aim: float) -> float:
+    """The cruise speed of the plan that is there at `time`, by the equation of each kind of plan; 0 for none."""
+    for first in (-1.0 / d, 1.0 / a):
+        for end, last, above, below in (
+            (aim, 1.0 / a, 0.0, aim),
+            (aim, 0.0, aim, line),
+            (line, -1.0 / turn_b, line, NEVER),
+        ):
+            h = cruise_speed(s, v, time, end, first, last)
+            if above < h <= below and (h <= v) == (first < 0.0):
                 return h
-    return 0.0
+    return turning_point(s, v, time, d, a)
 
 
 @kernel
@@ -152,8 +179,17 @@ def cruise_for(
     slowest: float,
     aim: float,
 ) -> tuple[float, float, float, float, float]:
-    """The plan that arrives at `time` when first braking at d: h from `cruise_guess`, or else by bisection."""
+    """The plan that arrives at `time` when first braking at d: h from `cruise_guess`, or else by bisection.
+
+    Arrivals fall as h grows, but not where braking for a turn takes longer than braking now: bisection does there.
+    """
     high = max(peak_speed(s, v, a, top, line, turn_b), min(v, top))
+    if d <= turn_b or high <= line:
+        guess = cruise_guess(s, v, time, d, a, line, turn_b, aim)
+        if slowest < guess - CLOSE_MPS and guess + CLOSE_MPS < high:
+            plan = plan_at(s, v, guess + CLOSE_MPS, d, a, line, turn_b, aim)
+            if 0.0 <= plan[4] <= time and plan_at(s, v, guess - CLOSE_MPS, d, a, line, turn_b, aim)[4] > time:
+                return plan
     plan = plan_at(s, v, high, d, a, line, turn_b, aim)
     if plan[4] >= time:
         return plan
@@ -161,17 +197,7 @@ def cruise_for(
     if 0.0 <= stopped[4] <= time:
         # so late a slot that the vehicle stops on the way and waits
         return 0.0, stopped[1], stopped[2], 0.0, stopped[4]
-    # Arrivals fall as h grows, but not where braking for a turn takes longer than braking now: bisection does there.
     late, early = slowest, high
-    if d <= turn_b or high <= line:
-        guess = cruise_guess(s, v, time, d, a, aim)
-        if late < guess - CLOSE_MPS and guess + CLOSE_MPS < early:
-            plan = plan_at(s, v, guess + CLOSE_MPS, d, a, line, turn_b, aim)
-            if 0.0 <= plan[4] <= time:
-                early = guess + CLOSE_MPS
-                before = plan_at(s, v, guess - CLOSE_MPS, d, a, line, turn_b, aim)
-                if before[4] > time:
-                    return plan
     for _ in range(BISECTIONS):
         middle = 0.5 * (late + early)
         plan = plan_at(s, v, middle, d, a, line, turn_b, aim)

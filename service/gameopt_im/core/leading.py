@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gameopt_im.core.kinematics import NEVER, kernel
+from gameopt_im.core.kinematics import NEVER, inlined, kernel
 from gameopt_im.core.reservations import LOOSE, Rows
 from gameopt_im.core.snapshot import Bools, Floats, Ints
 from gameopt_wire import motion
@@ -91,49 +91,67 @@ def ways_of(rows: Rows) -> Ways:
 
 
 class Room(NamedTuple):
-    """Where m leaders let a vehicle go, step by step from now: no farther than `x` (m, K), NEVER where one does not
-    count, behind whom is at `v` (m, K) then and brakes at `b` (m,)."""
+    """Where the m leaders of `ahead` let a vehicle go from `ago` control cycles before now, by `limit`.
 
+    `x`, `v` (rows, K) are their ways, nominal or the worst case if `late`, `first` (m,) the index of now on each.
+    """
+
+    ahead: Ahead
+    first: Ints
     x: Floats
     v: Floats
-    b: Floats
+    ago: int
+    late: bool
 
 
 @kernel
-def room_behind(ahead: Ahead, late: bool, cycle: int, ago: int, steps: int, ways: Ways) -> Room:
-    """The room behind leaders for `steps` steps from `ago` control cycles before this one, in the worst case if `late`.
+def room_behind(ahead: Ahead, late: bool, cycle: int, ago: int, ways: Ways) -> Room:
+    """The room behind leaders from `ago` control cycles before this one, in the worst case if `late`."""
+    first = np.zeros(ahead.row.shape[0], np.int64)
+    for m in range(ahead.row.shape[0]):
+        if ahead.row[m] >= 0:
+            first[m] = min(cycle - ago - ways.start[ahead.row[m]], ways.x.shape[1] - 1)
+    way_x, way_v = (ways.late_x, ways.late_v) if late else (ways.x, ways.v)
+    return Room(ahead, first, way_x, way_v, ago, late)
+
+
+@inlined
+def limit(m: int, k: int, room: Room) -> tuple[float, float]:
+    """(how far leader m lets one go at step k, NEVER where it does not count; its own speed then).
 
     Before its beginning a way came at its first speed. Past its end a profile goes on at its last speed: if it stood
     still there its follower's would stop behind it, that one's follower's a little sooner, and so on through an
     unbroken platoon, until a vehicle stops in the conflict zone for nothing. Worst cases may stand still: they are
     brought up to date every control cycle.
     """
-    count, last = ahead.row.shape[0], ways.x.shape[1] - 1
-    room = Room(np.empty((count, steps)), np.empty((count, steps)), ahead.number[:, B].copy())
-    way_x, way_v = (ways.late_x, ways.late_v) if late else (ways.x, ways.v)
-    for m in range(count):
-        row, number = ahead.row[m], ahead.number[m]
-        back, shift, since, until = number[BACK], number[SHIFT], number[SINCE], number[UNTIL]
-        first = min(cycle - ago - ways.start[row], last) if row >= 0 else 0
-        for k in range(steps):
-            if row >= 0:
-                at = min(max(first + k, 0), last)
-                x, v = way_x[row, at], way_v[row, at]
-                x = x + v * STEP_S * min(0, first + k)
-                if not late:
-                    x = x + v * STEP_S * max(0, first + k - last)
-            else:
-                time, x, v = (k - ago) * STEP_S, number[X], number[V]
-                if late:
-                    moving = min(time, v / number[B])
-                    braking = max(moving, 0.0)
-                    x = x + v * moving - 0.5 * number[B] * (braking * braking)
-                    v = max(0.0, v - number[B] * max(time, 0.0))
-                else:
-                    x = x + v * time
-            room.x[m, k] = NEVER if x + shift < since or x >= until else x - back
-            room.v[m, k] = v
-    return room
+    row, number = room.ahead.row[m], room.ahead.number[m]
+    if row >= 0:
+        step, last = room.first[m] + k, room.x.shape[1] - 1
+        at = min(max(step, 0), last)
+        x, v = room.x[row, at], room.v[row, at]
+        x = x + v * STEP_S * min(0, step)
+        if not room.late:
+            x = x + v * STEP_S * max(0, step - last)
+    else:
+        time, x, v = (k - room.ago) * STEP_S, number[X], number[V]
+        if room.late:
+            moving = min(time, v / number[B])
+            braking = max(moving, 0.0)
+            x = x + v * moving - 0.5 * number[B] * (braking * braking)
+            v = max(0.0, v - number[B] * max(time, 0.0))
+        else:
+            x = x + v * time
+    counts = x + number[SHIFT] >= number[SINCE] and x < number[UNTIL]
+    return (x - number[BACK] if counts else NEVER), v
+
+
+@kernel
+def room_of(x: Floats, v: Floats, b: float, back: float, since: float) -> Room:
+    """The room behind one leader alone, on the way x, v (K,) in its worst case, from where its front is at `since`."""
+    ahead = nobody(1)
+    ahead.row[0] = 0
+    ahead.number[0, B], ahead.number[0, BACK], ahead.number[0, SINCE] = b, back, since
+    return Room(ahead, np.zeros(1, np.int64), x.copy().reshape((1, -1)), v.copy().reshape((1, -1)), 0, True)
 
 
 @kernel
@@ -163,12 +181,14 @@ def _place_stranger(m: int, i: int, scene: Scene, ahead: Ahead) -> None:
 def ahead_of(i: int, scene: Scene) -> Ahead:
     """The vehicles that i has to stay behind: its lane leaders, whoever is bound for its exit lane, and a stranger."""
     lane, bound = scene.lane[i], scene.bound[i]
-    merging = (scene.lane != lane) & (scene.bound == bound) & ~scene.uncleared
-    ahead = nobody(int(np.count_nonzero(merging)) + scene.leaders.shape[1] + 1)
-    number, m = ahead.number, 0
+    merging, count = np.empty(scene.x.shape[0], np.int64), 0
     for j in range(scene.x.shape[0]):
-        if not merging[j]:
-            continue
+        if scene.bound[j] == bound and scene.lane[j] != lane and not scene.uncleared[j]:
+            merging[count] = j
+            count += 1
+    ahead = nobody(count + scene.leaders.shape[1] + 1)
+    number, m = ahead.number, 0
+    for j in merging[:count]:
         _place(m, j, scene, ahead)
         number[m, SHIFT] = scene.path[i] - scene.path[j]
         number[m, BACK] = scene.length[j] + motion.REAR_GAP_M - number[m, SHIFT]

@@ -8,8 +8,9 @@ makes it, and slows down to open its headway once it is clear.
 
 from __future__ import annotations
 
-from gameopt_im.core.kinematics import NEVER, Manner, approach, approach_speed, kernel
-from gameopt_im.core.leading import Room
+from gameopt_im.core.kinematics import NEVER, Manner, approach, approach_speed, inlined, kernel
+from gameopt_im.core.leading import B as LEAD_B
+from gameopt_im.core.leading import Room, limit
 from gameopt_im.core.snapshot import Floats
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
@@ -20,15 +21,18 @@ STOP_PLAY_M = 0.03
 """A stop that ends within a step goes up to b dt^2 / 8 too far; rule 2 is failed only by more than this."""
 
 
-@kernel
-def follow(x: float, v: float, b: float, k: int, room: Room) -> tuple[float, bool]:
-    """(rule 2 at step k behind every leader, m/s; whether it can be kept by braking fully)."""
-    u, possible = NEVER, True
+@inlined
+def follow(x: float, v: float, b: float, u: float, k: int, room: Room) -> tuple[float, bool]:
+    """(u, or rule 2 at step k behind every leader where that is less, m/s; whether it can be kept by braking fully)."""
+    possible = True
     floor = v - b * STEP_S
-    for m in range(room.b.shape[0]):
-        if room.x[m, k] >= NEVER:
+    for m in range(room.first.shape[0]):
+        end, lead_v = limit(m, k, room)
+        if end >= NEVER:
             continue
-        gap, lead_v, lead_b = room.x[m, k] - x, room.v[m, k], room.b[m]
+        gap, lead_b = end - x, room.ahead.number[m, LEAD_B]
+        if motion.may_drive(max(u, floor), gap + motion.reach(lead_v, lead_b, STEP_S), v, min(b, lead_b), STEP_S):
+            continue
         rule = motion.follow_speed(gap, v, b, lead_v, lead_b, STEP_S)
         if rule < floor and motion.follow_speed(gap + STOP_PLAY_M, v, b, lead_v, lead_b, STEP_S) < floor:
             possible = False
@@ -80,10 +84,10 @@ def drive(
             else:
                 u = v[k] + a * STEP_S
             u = min(u, limit)
-        rule, possible = follow(x[k], v[k], b, k, room)
+        u, possible = follow(x[k], v[k], b, u, k, room)
         if done < 0 and not possible:
             return -1
-        u = max(0.0, min(u, rule), v[k] - b * STEP_S)
+        u = max(0.0, u, v[k] - b * STEP_S)
         v[k + 1] = u
         x[k + 1] = x[k] + 0.5 * STEP_S * (v[k] + u)
         if done < 0 and x[k + 1] - length >= clear and x[k + 1] >= path:
@@ -114,20 +118,23 @@ def held_back(
     """
     length, a, b = body
     late_x[first], late_v[first] = x0, v0
+    x, now = x0, v0
     done, kept = first if x0 - length >= clear else -1, True
     for k in range(first, v.shape[0] - 1):
-        rule, possible = follow(late_x[k], late_v[k], b, k - first, room)
-        kept = kept and (possible or done >= 0)
-        u = min(v[k + 1], late_v[k] + a * STEP_S)
         if done >= 0:
-            u = min(late_v[k], max(law[1], late_v[k] - law[0] * STEP_S))
-            u = min(u, motion.brake_speed(law[2] - late_x[k], late_v[k], b, STEP_S, 0.0))
-        u = max(0.0, late_v[k] - b * STEP_S, min(u, rule))
-        if done >= 0 and late_v[k] <= 0.0:  # it stands, and will: the rest is soon said
-            late_v[k + 1 :], late_x[k + 1 :] = 0.0, late_x[k]
+            u = min(now, max(law[1], now - law[0] * STEP_S))
+            if not motion.may_drive(u, law[2] - x, now, b, STEP_S):
+                u = min(u, motion.brake_speed(law[2] - x, now, b, STEP_S, 0.0))
+        else:
+            u = min(v[k + 1], now + a * STEP_S)
+        u, possible = follow(x, now, b, u, k - first, room)
+        kept = kept and (possible or done >= 0)
+        u = max(0.0, now - b * STEP_S, u)
+        if done >= 0 and now <= 0.0:  # it stands, and will: the rest is soon said
+            late_v[k + 1 :], late_x[k + 1 :] = 0.0, x
             break
-        late_v[k + 1] = u
-        late_x[k + 1] = late_x[k] + 0.5 * STEP_S * (late_v[k] + u)
-        if done < 0 and late_x[k + 1] - length >= clear:
+        x, now = x + 0.5 * STEP_S * (now + u), u
+        late_x[k + 1], late_v[k + 1] = x, u
+        if done < 0 and x - length >= clear:
             done = k + 1
     return done if kept else -1

@@ -179,7 +179,7 @@ class Book:
     def stack(self, cycle: int) -> Stack:
         """The arrays of all reservations, as seen from a control cycle."""
         rows, used = self.rows, len(self.row)
-        first = np.clip(cycle - rows.start[:used], 0, HORIZON - 1)
+        first = np.minimum(np.maximum(cycle - rows.start[:used], 0), HORIZON - 1)
         return Stack(
             rows.x[:used], rows.late_x[:used], first, rows.movement[:used], rows.footprint[:used], rows.length[:used]
         )

@@ -28,8 +28,8 @@ def scene_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, law
     row = book.rows_of(snapshot.ids)
     movement = snapshot.movement
     path = ground.length[movement]
-    exiting = np.flatnonzero(limits.phase == EXITING)
-    exiting = exiting[np.argsort(snapshot.s[exiting] + path[exiting], kind="stable")]  # front to back
+    exiting = (limits.phase == EXITING).nonzero()[0]
+    exiting = exiting[(snapshot.s[exiting] + path[exiting]).argsort(kind="stable")]  # front to back
     scene = Scene(
         cycle=snapshot.cycle,
         x=-snapshot.s,
@@ -77,7 +77,7 @@ def drive_exits(exiting: Ints, scene: Scene, ways: Ways) -> None:
             ways.v[row, k] = v0
         held_back(
             x0, v0, ways.v[row], 0, (scene.length[i], scene.a[i], scene.b[i]), -NEVER, law_of(i, scene),
-            room_behind(ahead_on_exit(i, scene), True, scene.cycle, 0, steps, ways), ways.late_x[row], ways.late_v[row],
+            room_behind(ahead_on_exit(i, scene), True, scene.cycle, 0, ways), ways.late_x[row], ways.late_v[row],
         )  # fmt: skip
         scene.way[i], scene.exiting[i] = row, True
 

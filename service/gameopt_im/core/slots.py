@@ -66,7 +66,8 @@ class Course(NamedTuple):
     `cars` (n, 10) holds a `Car` a row, `exit_m` (n,) where the vehicle has left the last ground that others want, 0
     where there is none. `kind` (n,) indexes `ground` (C, C, 4): where the first kind enters and leaves what it shares
     with the second, and where that one does, m; NaN where they do not meet.
-    `met` (B, 4) holds the rows of `Demand.blocked` where they meet, vehicle i's from `since[i]` to `since[i + 1]`.
+    `met` (B, 4) holds the rows of `Demand.blocked` where they meet, vehicle i's from `since[i]` to `since[i + 1]`,
+    the last to end first (`until`).
     """
 
     cars: Floats
@@ -123,7 +124,11 @@ def course_of(demand: Demand) -> Course:
                 exit_m[i] = max(exit_m[i], leave)
         for r in range(demand.blocked.shape[1]):
             if demand.blocked[i, r, 1] > -NEVER:
-                met[rows] = demand.blocked[i, r]
+                place = rows
+                while place > since[i] and until(met[place - 1]) < until(demand.blocked[i, r]):
+                    met[place] = met[place - 1]
+                    place -= 1
+                met[place] = demand.blocked[i, r]
                 rows += 1
         since[i + 1] = rows
     ground = np.empty((kinds, kinds, 4))
@@ -132,6 +137,12 @@ def course_of(demand: Demand) -> Course:
             ground[c, d, :2] = demand.windows[movement[c], footprint[c], movement[d], footprint[d]]
             ground[c, d, 2:] = demand.windows[movement[d], footprint[d], movement[c], footprint[c]]
     return Course(cars, exit_m, kind, ground, since, met[:rows])
+
+
+@kernel
+def until(window: Floats) -> float:
+    """Until when a window of `Demand.blocked` may be in the way: its end, or always where it begins before the line."""
+    return window[1] if window[2] >= 0.0 else NEVER
 
 
 @kernel
@@ -160,7 +171,10 @@ def kept_off(
     if enter >= 0.0 and time >= end + margin:
         return time
     mine_in = time + time_past_line(enter, speed, car.a, car.cross_top)
-    if mine_in < end + margin and time + time_past_line(leave, speed, car.a, car.cross_top) > begin - margin:
+    if mine_in >= end + margin:
+        return time
+    begins = time > begin - margin and leave >= 0.0
+    if begins or time + time_past_line(leave, speed, car.a, car.cross_top) > begin - margin:
         return time + end + margin - mine_in
     return time
 
@@ -177,6 +191,8 @@ def settle(car: Car, start: float, met: Floats, placed: Floats, rules: Rules) ->
         margin = max(rules.margin_s, rules.margin_m / speed + rules.extra_s)
         later = time
         for r in range(met.shape[0]):
+            if time >= until(met[r]) + margin:
+                break
             later = max(later, kept_off(car, time, speed, met[r, 0], met[r, 1], met[r, 2], met[r, 3], margin))
         later = max(later, off_placed(car, time, speed, placed, 0, placed.shape[0], rules))
         if later <= time + SAME_S:
@@ -206,9 +222,9 @@ def passed_by(time: float, placed: Floats, first: int, last: int, rules: Rules) 
 
 @kernel
 def enter_windows(
-    car: Car, slot: float, line: float, ground: Floats, rules: Rules, count: Ints, placed: Floats
+    car: Car, slot: float, line: float, ground: Floats, rules: Rules, left: Ints, count: Ints, placed: Floats
 ) -> None:
-    """Add the windows of a car over the line at `slot` with speed `line`, for each of the kinds that meets it.
+    """Add the windows of a car over the line at `slot` with speed `line`, for each kind that meets it and is `left`.
 
     `ground` (C, 4) are the rows of its kind in `Course.ground`. A row of `placed` (C, n, 5), of which kind c has
     `count[c]`, is a window (in, out), s; where a front of the kind enters and a rear leaves it, m; and the margin that
@@ -216,7 +232,7 @@ def enter_windows(
     """
     margin = rules.margin_m / line + rules.extra_s
     for c in range(count.shape[0]):
-        if ground[c, 3] > -NEVER:  # false for NaN
+        if left[c] > 0 and ground[c, 3] > -NEVER:  # false for NaN
             k = count[c]
             placed[c, k, 0] = slot + time_past_line(ground[c, 0], line, car.a, car.cross_top)
             placed[c, k, 1] = slot + time_past_line(ground[c, 1] + car.length, line, car.a, car.cross_top)

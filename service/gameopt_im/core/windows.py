@@ -5,8 +5,6 @@ Ways x are metres of the front bumper past the stop line, sampled every STEP_S.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from gameopt_im.core.kinematics import NEVER, kernel
@@ -93,9 +91,3 @@ def overlap(
     if mine[0] >= other[1] + after or other[0] >= mine[1] + before:
         return 0.0
     return other[1] + after - mine[0]
-
-
-def clear_time(x: Floats, distance: float) -> float:
-    """Time at which x first reaches `distance`, s; infinite if it never does."""
-    time = float(time_at(x, 0, distance))
-    return math.inf if time >= NEVER else time

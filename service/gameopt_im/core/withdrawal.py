@@ -29,7 +29,7 @@ def withdraw(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, int
     able = can_stop(snapshot, ground)
     row, rows = book.rows_of(snapshot.ids), book.rows
     held, gives = row >= 0, held_in(row, rows.withdrawn)
-    for i in np.flatnonzero(gives & rows.accepted[row] & ~able):
+    for i in (gives & rows.accepted[row] & ~able).nonzero()[0]:
         book.withdraw(snapshot.ids[i], False)  # it kept it, since it could not stop, and drives it to its end
     near = _too_near(book, ground, snapshot.cycle, interlock)
     waits = np.where(held, held_in(row, rows.withdrawn), limits.phase == UNCLEARED)  # at the line

@@ -23,8 +23,8 @@ def refresh(snapshot: Snapshot, scene: Scene, book: Book) -> tuple[str, ...]:
     came late says as much, of the control cycle it is from: waiting for a fresh one would be for ever on a slow link.
     """
     row = book.rows_of(snapshot.ids)
-    cleared = np.flatnonzero(held_in(row, book.rows.clearance > 0))
-    order = cleared[np.argsort(snapshot.s[cleared], kind="stable")]
+    cleared = (held_in(row, book.rows.clearance > 0)).nonzero()[0]
+    order = cleared[snapshot.s[cleared].argsort(kind="stable")]
     strayed = bring_up_to_date(order, scene, book.rows)
     return tuple(snapshot.ids[i] for i in order[strayed])
 
@@ -34,7 +34,6 @@ def bring_up_to_date(order: Ints, scene: Scene, rows: Rows) -> Bools:
     """New worst cases, in place, of the vehicles in `order`; which of them have strayed."""
     steps, ways = rows.x.shape[1], ways_of(rows)
     strayed = np.zeros(order.shape[0], np.bool_)
-    late_x, late_v = np.empty(steps), np.empty(steps)
     for n in range(order.shape[0]):
         i = order[n]
         row = scene.way[i]
@@ -45,11 +44,9 @@ def bring_up_to_date(order: Ints, scene: Scene, rows: Rows) -> Bools:
         rows.told[row] = then
         x = scene.heard_x[i]
         strayed[n] = not rows.late_x[row, k] - OFF_PROFILE_M <= x <= rows.x[row, k] + OFF_PROFILE_M
-        room = room_behind(ahead_of(i, scene), True, scene.cycle, scene.ago[i], steps - k, ways)
+        room = room_behind(ahead_of(i, scene), True, scene.cycle, scene.ago[i], ways)
         held_back(
             x, scene.heard_v[i], rows.v[row], k, (rows.length[row], scene.a[i], rows.b[row]), scene.clear[i],
-            law_of(i, scene), room, late_x, late_v,
+            law_of(i, scene), room, rows.late_x[row], rows.late_v[row],
         )  # fmt: skip
-        rows.late_x[row, k:] = late_x[k:]
-        rows.late_v[row, k:] = late_v[k:]
     return strayed

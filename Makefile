@@ -6,10 +6,11 @@ BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 COMPARE := $(BIN)/gameopt-sumo compare
 
-.PHONY: help demo test test-web lint explore bench growth load figures any-junction compare compare-full
+.PHONY: help demo two-junctions test test-web lint explore bench growth load figures any-junction compare compare-full
 
 help:
 	@echo "make demo     manager and vehicles as two processes, 6,000 veh/h, DEMO_SECONDS=$(DEMO_SECONDS) simulated seconds"
+	@echo "make two-junctions  two managers on one Zenoh network, vehicles that pass both junctions; a minute"
 	@echo "make test     every test"
 	@echo "make test-web the live page in a real browser, which it installs where there is none"
 	@echo "make lint     ruff, mypy, import-linter"
@@ -24,6 +25,9 @@ help:
 
 demo: .venv/installed
 	@$(BIN)/python deploy/demo.py --seconds $(DEMO_SECONDS)
+
+two-junctions: .venv/installed
+	@$(BIN)/python deploy/two_junctions.py
 
 test: .venv/installed-dev
 	$(BIN)/pytest -n 2 --dist loadgroup

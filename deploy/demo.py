@@ -29,8 +29,7 @@ STOP_S = 5.0
 @click.option("--seconds", type=click.FloatRange(1.0, 86400.0), default=60.0, metavar="S", help="Simulated seconds.")
 def demo(seconds: float) -> None:
     """Run 6,000 veh/h over the four-arm intersection in lock-step; everything it writes is in out/demo."""
-    for ending in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(ending, signal.default_int_handler)  # all end as Ctrl-C does
+    end_as_ctrl_c_does()
     OUT.mkdir(parents=True, exist_ok=True)
     scenario = [
         "gameopt-sumo",
@@ -44,22 +43,28 @@ def demo(seconds: float) -> None:
         OUT,
     ]
     subprocess.run(_words(scenario), check=True, stdout=subprocess.DEVNULL)
-    endpoint = f"tcp/127.0.0.1:{_port()}"
+    endpoint = f"tcp/127.0.0.1:{free_port(PORT)}"
     manager = ["gameopt-im", "serve", "--map", OUT / "four-arm.net.xml", "--clock", "lockstep"]
     vehicles = ["gameopt-vehicles", "--sumo", OUT / "four-arm.sumocfg", "--clock", "lockstep"]
     vehicles += ["--duration", seconds]
-    with _serving([*manager, "--listen", endpoint]):
+    with serving([*manager, "--listen", endpoint], OUT / "manager.log"):
         started = time.monotonic()
-        code = _drive([*vehicles, "--connect", endpoint, "--report", OUT / "report.json"])
+        code = drive([*vehicles, "--connect", endpoint, "--report", OUT / "report.json"])
     click.echo(f"The run took {time.monotonic() - started:.0f} s.")
     if code == 0:
         _explain(scenario, manager, vehicles)
     sys.exit(code)
 
 
-def _port() -> int:
+def end_as_ctrl_c_does() -> None:
+    """Whatever signal ends the script, what it has started is ended too."""
+    for ending in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ending, signal.default_int_handler)
+
+
+def free_port(usual: int) -> int:
     """The usual port, or any free one if that is taken."""
-    for port in (PORT, 0):
+    for port in (usual, 0):
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
@@ -67,15 +72,15 @@ def _port() -> int:
             except OSError:
                 continue
             found: int = probe.getsockname()[1]
-            if found != PORT:
-                click.echo(f"Port {PORT} is taken; the demo uses {found}.")
+            if found != usual:
+                click.echo(f"Port {usual} is taken; the demo uses {found}.")
             return found
     raise click.ClickException("no free port on 127.0.0.1")
 
 
 @contextmanager
-def _serving(manager: list[object]) -> Iterator[None]:
-    """The manager, from the moment it serves until it has ended. Its log goes to manager.log."""
+def serving(manager: list[object], log_file: Path) -> Iterator[None]:
+    """The manager, from the moment it serves until it has ended. Its log goes to `log_file`."""
     process = subprocess.Popen(
         _words([*manager, "--log-format", "json"]),
         stdin=subprocess.DEVNULL,
@@ -85,7 +90,7 @@ def _serving(manager: list[object]) -> Iterator[None]:
     )
     assert process.stderr is not None
     try:
-        with (OUT / "manager.log").open("w") as log:
+        with log_file.open("w") as log:
             _await_serving(process.stderr, log)
             rest = threading.Thread(target=log.writelines, args=[process.stderr])
             rest.start()
@@ -121,7 +126,7 @@ def _stop(process: subprocess.Popen[str]) -> None:
         process.wait()
 
 
-def _drive(vehicles: list[object]) -> int:
+def drive(vehicles: list[object]) -> int:
     """Run the vehicles to their end; interrupted, they finish their step and still report."""
     process = subprocess.Popen(_words(vehicles))
     while True:

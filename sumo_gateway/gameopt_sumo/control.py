@@ -1,6 +1,6 @@
 """Who drives: vehicles taken over from SUMO's driver model, held back or slowed down in it, and given back to it.
 
-With `simulation` and `readings` the only module that imports libsumo.
+With `engine`, `simulation` and `readings` the only module that imports libsumo.
 """
 
 from __future__ import annotations
@@ -35,13 +35,19 @@ SAFE_GAP_M = 2.5
 
 
 class Control:
-    """What is done to SUMO's vehicles, apart from setting speeds."""
+    """What is done to SUMO's vehicles, apart from setting speeds.
 
-    def __init__(self, layout: Layout, about: Whereabouts) -> None:
+    `taken` are those that this or another junction has taken over: the others' are left alone.
+    """
+
+    def __init__(self, layout: Layout, about: Whereabouts, taken: set[str]) -> None:
         self._layout = layout
         self._about = about
         self._places = layout.places
         self._movements = layout.map.movements
+        self._taken = taken
+        self.ends_m: dict[str, float] = {}
+        """Exit lanes on which another junction takes over, and from where, m."""
         self._setback_m = max([0.0, *(back for movement in self._movements for back in movement.setback_m)])
 
     def take(self, known: Vehicle, body: Body) -> None:
@@ -49,9 +55,10 @@ class Control:
 
         Raises `SimulationError` for one whose ground nobody knows.
         """
-        if not known.controlled and not known.released and body.on_exit is None:
+        if not known.controlled and not known.released and body.on_exit is None and known.id not in self._taken:
             self._check_size(known)
             known.controlled = True
+            self._taken.add(known.id)
             known.route_id, known.route = readings.route_id(known.id), readings.route_ahead(known.id)
             known.rerouting_period = readings.set_rerouting_period(known.id, "0")
             libsumo.vehicle.setSpeedMode(known.id, _SPEED_MODE_EXECUTE)
@@ -76,6 +83,7 @@ class Control:
         known = self._about.vehicles.get(vehicle)
         if known is not None and known.controlled:
             known.controlled, known.released = False, for_good
+            self._taken.discard(vehicle)
             if known.rerouting_period is not None:
                 readings.set_rerouting_period(vehicle, known.rerouting_period)
             libsumo.vehicle.setSpeed(vehicle, -1.0)
@@ -90,17 +98,21 @@ class Control:
             for vehicle in absent:
                 if vehicle in driving:
                     self.release(vehicle)
+                elif self.controls(vehicle):
+                    self._taken.discard(vehicle)
                 del self._about.vehicles[vehicle]
 
     def in_range(self, body: Body) -> bool:
-        """Observed: on a movement, and not too far past the conflict zone."""
-        if body.movement is None:
+        """Observed: on a movement, not too far past the conflict zone, and not in the next junction's control zone."""
+        if body.movement is None or (body.on_exit in self.ends_m and body.exit_m >= self.ends_m[body.on_exit]):
             return False
         return body.past_line_m <= self._movements[body.movement].length_m + EXIT_RANGE_M
 
     def slow_down(self) -> None:
         """Whoever comes faster than the zone allows, by its own nature or from a faster road, brakes before it."""
         for vehicle, room_m, limit_mps in self._about.nearing:
+            if vehicle in self._taken:
+                continue
             speed_mps = readings.speed_mps(vehicle)
             if speed_mps > limit_mps:
                 cap_mps = motion.brake_speed(room_m, speed_mps, GENTLE_DECEL_MPS2, STEP_S, limit_mps)
@@ -111,6 +123,8 @@ class Control:
 
         It may never come too near to stop before the line: once it is ready it is taken over, and could not be then.
         """
+        if body.vehicle in self._taken and not self.controls(body.vehicle):
+            return  # another junction's, which gives it back before this one needs it
         self.release(body.vehicle, for_good=False)
         if body.halts:
             self._stop_in_time(body.vehicle)

@@ -81,6 +81,19 @@ def layout_of(
     )
 
 
+def gap_before(layout: Layout, lane: str) -> float | None:
+    """How far it is from where a lane begins to the control zone that it leads into, m; None where it leads into none.
+
+    Negative where the lane begins within the zone.
+    """
+    place = layout.places.get(lane)
+    if place is None or place.kind not in ("approach", "upstream"):
+        return None
+    if place.kind == "approach":
+        return None if place.lane is None else -place.offset_m - layout.map.lanes[place.lane].zone_m
+    return min(-layout.map.lanes[index].zone_m - offset_m for index, offset_m in place.offsets_m.items())
+
+
 def _places(
     net: Any, intersection_map: IntersectionMap, links: list[Link], lanes: list[Any], ways: list[Way]
 ) -> dict[str, Place]:

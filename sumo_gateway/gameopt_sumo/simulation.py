@@ -1,21 +1,24 @@
 """The running simulation: what vehicles sense and what they are told to do, step by step.
 
-With `readings` and `control` the only module that imports libsumo, which runs one simulation per process.
+With `engine`, `readings` and `control` the only module that imports libsumo, which runs one simulation per process.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from itertools import permutations
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import libsumo
 
 from gameopt_sumo import readings
 from gameopt_sumo.control import Control
+from gameopt_sumo.engine import Engine
 from gameopt_sumo.figures import Measurements
+from gameopt_sumo.layout import gap_before
 from gameopt_sumo.meter import Meter
 from gameopt_sumo.network import (
     DEFAULT_CONTROL_ZONE_M,
@@ -26,16 +29,21 @@ from gameopt_sumo.network import (
 )
 from gameopt_sumo.observation import EXIT_RANGE_M, STEP_S, Observation, Pose
 from gameopt_sumo.radar import Body, Radar
-from gameopt_sumo.readings import RADAR_BEYOND_EDGE_M, SUMO_FAULTS
-from gameopt_sumo.run_files import Hush, SimulationError, net_file_of, nominal_demand
-from gameopt_sumo.whereabouts import Whereabouts
+from gameopt_sumo.readings import RADAR_BEYOND_EDGE_M
+from gameopt_sumo.run_files import SimulationError, net_file_of, nominal_demand
+from gameopt_sumo.whereabouts import Whereabouts, edge_of
 from gameopt_wire import motion
+
+HANDOVER_M = 30.0
+"""From one junction to the next's control zone: the longest body has left the first, and its manager has heard so."""
+CHANGE_M = 150.0
+"""Where there are lanes to choose from, this much of the way is left to SUMO's driver to choose."""
 
 __all__ = ["EXIT_RANGE_M", "STEP_S", "Observation", "Pose", "Simulation", "SimulationError"]
 
 
 class Simulation:
-    """One SUMO run and the vehicles round one of its junctions.
+    """A SUMO run and the vehicles round one of its junctions. Several may share one `engine`, and step in turns.
 
     With `control`, every vehicle is taken over when its front bumper enters the control zone: SUMO then
     executes exactly the speed that is set, with no car-following and no right of way of its own. A set speed
@@ -57,35 +65,31 @@ class Simulation:
         measure: bool = True,
         control_zone_m: float = DEFAULT_CONTROL_ZONE_M,
         articulated: bool = False,
+        engine: Engine | None = None,
     ) -> None:
-        """Read the map and start SUMO; raises `SimulationError`, one line, for whatever is wrong."""
+        """Read the map and start SUMO, unless it runs; raises `SimulationError`, one line, for whatever is wrong."""
         config = Path(sumocfg)
         try:
             net = net_file_of(config, extra_args)
-            self._layout: Layout = read_layout(net, junction, control_zone_m, articulated=articulated)
+            self.layout: Layout = read_layout(net, junction, control_zone_m, articulated=articulated)
         except NetworkError as error:
             raise SimulationError(f"{config}: {error}") from None
-        full_map = self._layout.map
+        full_map = self.layout.map
         self.map = without_turn_speeds(full_map) if ignore_turn_speed else full_map
         self.flow_veh_h, self.ratio = nominal_demand(config, extra_args)
         self._radar = Radar(self.map)
         self._controlling = control
-        self._about = Whereabouts(self._layout)
-        self._control = Control(self._layout, self._about)
-        self._open = False
-        self._hush = Hush()
-        try:
-            readings.start(config, seed, gui, extra_args, self._hush)
-        except SimulationError:
-            self._hush.close()
-            raise
+        self._about = Whereabouts(self.layout)
+        self.engine = engine or Engine(config, seed, gui=gui, extra_args=extra_args)
+        self._steps = self.engine.join()
         self._open = True
+        self._control = Control(self.layout, self._about, self.engine.taken)
         if control:
-            readings.take_over(self.map.intersection, self._layout.gates_mps)
-        self.time_s: float = float(libsumo.simulation.getTime())
+            readings.take_over(self.map.intersection, self.layout.gates_mps)
+        self.time_s = self.engine.time_s
         self._meter: Meter | None = None
         if measure:
-            layout = dataclasses.replace(self._layout, map=self.map)
+            layout = dataclasses.replace(self.layout, map=self.map)
             outline = readings.outline(self.map.intersection)
             self._meter = Meter(layout, outline, self.time_s, readings.consumption_mg_s, inflate_m)
 
@@ -98,12 +102,10 @@ class Simulation:
         self.close()
 
     def close(self) -> None:
-        """End the run, which completes SUMO's output files; a second call does nothing."""
+        """Leave the run, which ends with the last one; a second call does nothing."""
         if self._open:
             self._open = False
-            with self._hush:
-                libsumo.close()
-            self._hush.close()
+            self.engine.leave()
 
     def step(self) -> list[Observation]:
         """Advance by `STEP_S`; observe every vehicle from the control zone's entry to the end of the exit
@@ -111,13 +113,9 @@ class Simulation:
 
         The order is the same in every run of one seed. Raises `SimulationError` when SUMO gives up.
         """
-        try:
-            with self._hush:
-                libsumo.simulationStep()
-        except SUMO_FAULTS as error:
-            reason = self._hush.reason(str(error))
-            raise SimulationError(f"SUMO stopped after {self.time_s:.1f} s: {reason}") from None
-        self.time_s = float(libsumo.simulation.getTime())
+        self._steps += 1
+        self.engine.step(self._steps)
+        self.time_s = self.engine.time_s
         bodies = {body.vehicle: body for body in self._about.look()}
         leaders = self._radar.leaders(bodies.values())
         self._control.forget_absent(set(bodies))
@@ -152,6 +150,20 @@ class Simulation:
             raise SimulationError(f"vehicle {vehicle!r} is not under control at {self.time_s:.1f} s")
         libsumo.vehicle.setSpeed(vehicle, max(0.0, speed_mps))
 
+    def give_back_to(self, other: Layout) -> None:
+        """Control ends before the zone of another junction begins; raises `SimulationError` where that is too near."""
+        for lane in {movement.exit_lane for movement in self.map.movements}:
+            gap_m = gap_before(other, lane)
+            if gap_m is None:
+                continue
+            if gap_m < HANDOVER_M:
+                raise SimulationError(
+                    f"the control zone of junction {other.map.intersection!r} begins {max(0.0, gap_m):.0f} m behind "
+                    f"{self.map.intersection!r} on lane {lane}; allowed: {HANDOVER_M:g} m or more"
+                )
+            alone = sum(edge_of(beside) == edge_of(lane) for beside in other.places) == 1
+            self._control.ends_m[lane] = gap_m if alone else max(HANDOVER_M, gap_m - CHANGE_M)
+
     def controls(self, vehicle: str) -> bool:
         """Whether `set_speed` rules this vehicle now."""
         return self._control.controls(vehicle)
@@ -185,10 +197,10 @@ class Simulation:
     def _measure(self, meter: Meter, observations: Sequence[Observation]) -> None:
         meter.arrivals(self.time_s, readings.departed(), readings.pending(self.time_s, meter.knows))
         for vehicle, lane in self._about.present:
-            if self._layout.places[lane].kind in ("approach", "upstream") and not meter.knows(vehicle):
+            if self.layout.places[lane].kind in ("approach", "upstream") and not meter.knows(vehicle):
                 meter.passing(readings.on_its_way(vehicle, self.time_s), self.time_s)
         meter.step(self.time_s, observations, self.poses())
-        meter.faults(readings.collisions(self._layout.places), readings.teleports())
+        meter.faults(readings.collisions(self.layout.places), readings.teleports())
 
     def _observe(self, body: Body, leader: tuple[str, float] | None, bodies: Mapping[str, Body]) -> Observation:
         known = self._about.vehicles[body.vehicle]
@@ -205,7 +217,7 @@ class Simulation:
             length_m=known.length_m,
             width_m=known.width_m,
             vehicle_class=known.vehicle_class,
-            max_speed_mps=min(known.max_speed_mps, self._layout.places[known.lane].limit_mps or known.max_speed_mps),
+            max_speed_mps=min(known.max_speed_mps, self.layout.places[known.lane].limit_mps or known.max_speed_mps),
             max_accel_mps2=known.max_accel_mps2,
             max_decel_mps2=known.max_decel_mps2,
             leader_gap_m=ahead.gap_m if ahead else None,
@@ -229,6 +241,26 @@ class Simulation:
         vehicle, gap_m = leader
         strange = not self.controls(vehicle) or _elsewhere(body, bodies.get(vehicle))
         return _Ahead(gap_m, readings.speed_mps(vehicle), readings.decel_mps2(vehicle), strange)
+
+
+def simulations(sumocfg: Path | str, junctions: Sequence[str | None], *given: Any, **named: Any) -> list[Simulation]:
+    """One SUMO run, and what lies round each of several junctions; further arguments as for `Simulation`.
+
+    A vehicle that drives from one to the other is given back where the other's control zone begins.
+    Raises `SimulationError`, too, where that is nearer to the first than `HANDOVER_M`.
+    """
+    made: list[Simulation] = []
+    try:
+        for junction in junctions:
+            engine = made[0].engine if made else None
+            made.append(Simulation(sumocfg, junction, *given, engine=engine, **named))
+        for first, second in permutations(made, 2):
+            first.give_back_to(second.layout)
+    except SimulationError:
+        for one in made:
+            one.close()
+        raise
+    return made
 
 
 class _Ahead(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gameopt_sumo.junction import read_net
-from gameopt_sumo.simulation import STEP_S, Observation, Simulation, SimulationError
+from gameopt_sumo.simulation import STEP_S, Observation, Simulation, SimulationError, simulations
 from gameopt_wire import motion
 
 
@@ -171,6 +171,28 @@ def last_seen(sumocfg: Path, net: Path, junction: str, steps: int) -> dict[str, 
         if vehicle not in present and beyond[exits[seen.movement]] == "traffic_light"
     ]
     return {"gone": len(gone), "controlled": sorted(seen.vehicle for seen in gone if seen.controlled)}
+
+
+def by_both(sumocfg: Path, junctions: tuple[str, ...], steps: int) -> dict[str, Any] | str:
+    """Two junctions on one road: who was in the hands of both at once, and how long in nobody's in between, s."""
+    held: list[dict[str, list[float]]] = [{} for _ in junctions]
+    at_once: list[str] = []
+    try:
+        roads = simulations(sumocfg, junctions, measure=False)
+    except SimulationError as error:
+        return str(error)
+    for _ in range(steps):
+        now = [[seen for seen in road.step() if seen.controlled] for road in roads]
+        at_once += {seen.vehicle for seen in now[0]} & {seen.vehicle for seen in now[1]}
+        for road, controlled, times in zip(roads, now, held, strict=True):
+            for seen in controlled:
+                times.setdefault(seen.vehicle, []).append(road.time_s)
+                road.set_speed(seen.vehicle, behind_its_leader(road, seen))
+    for road in roads:
+        road.close()
+    first, second = held
+    spans = [sorted((first[v], second[v])) for v in first.keys() & second.keys()]
+    return {"at_once": at_once, "gaps_s": [later[0] - earlier[-1] for earlier, later in spans]}
 
 
 def fails(sumocfg: Path, junction: str | None = None, extra: tuple[str, ...] = (), gui: bool = False) -> str:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import multiprocessing
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +13,6 @@ import sumo_runs
 from gameopt_sumo.scenarios import FourArm, write_four_arm
 
 Run = Callable[..., Any]
-
-
-@pytest.fixture
-def run() -> Iterator[Run]:
-    """Calls a function in a fresh process."""
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context, max_tasks_per_child=1) as pool:
-        yield lambda function, *arguments: pool.submit(function, *arguments).result(timeout=60.0)
 
 
 @pytest.fixture(scope="module")

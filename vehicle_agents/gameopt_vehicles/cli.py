@@ -28,7 +28,12 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.command(context_settings={"show_default": True, "max_content_width": 110}, epilog=_EPILOG)
 @click.option("--sumo", type=_FILE, metavar="FILE.sumocfg", help="Drive the vehicles of this SUMO scenario.")
 @click.option("--synthetic", type=click.IntRange(1, 5000), metavar="N", help="Drive N vehicles without SUMO.")
-@click.option("--junction", metavar="ID", help="The junction, where the net (or the network) has several.")
+@click.option(
+    "--junction",
+    multiple=True,
+    metavar="ID",
+    help="The junction, where the net (or the network) has several. More than once: vehicles meet a manager at each.",
+)
 @click.option(
     "--connect",
     multiple=True,
@@ -87,25 +92,27 @@ def command(**values: Any) -> int:
         except ImportError as error:
             raise click.ClickException(f"SUMO lacks a system library: {error}; the README names them") from None
         try:
-            return runner.run(drive(options, partial(_simulation, options, options.sumo)))
+            return runner.run(drive(options, partial(_roads, options, options.sumo)))
         except SimulationError as error:
             raise click.ClickException(str(error)) from None
 
 
-def _simulation(options: Options, sumocfg: Path) -> MeasuredRoad:
-    """The scenario, loaded; libsumo starts only when it is asked for."""
-    from gameopt_sumo.simulation import Simulation
+def _roads(options: Options, sumocfg: Path) -> list[MeasuredRoad]:
+    """The scenario, loaded, as each of its junctions sees it; libsumo starts only when it is asked for."""
+    from gameopt_sumo.simulation import simulations
 
-    return Simulation(
-        sumocfg,
-        options.junction,
-        options.seed,
-        gui=options.gui,
-        extra_args=options.sumo_options,
-        ignore_turn_speed=options.ignore_turn_speed,
-        inflate_m=options.inflate,
-        articulated=options.articulated,
-    )
+    return [
+        *simulations(
+            sumocfg,
+            options.junction or (None,),
+            options.seed,
+            gui=options.gui,
+            extra_args=options.sumo_options,
+            ignore_turn_speed=options.ignore_turn_speed,
+            inflate_m=options.inflate,
+            articulated=options.articulated,
+        )
+    ]
 
 
 def main() -> None:

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AsyncExitStack, contextmanager
+from functools import partial
+from pathlib import Path
 from typing import Protocol
 
 import click
 from msgspec import structs
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from gameopt_vehicles.bus import Bus, NoManager, configuration
 from gameopt_vehicles.fleet import Fleet, Settings
 from gameopt_vehicles.fleet import Progress as FleetProgress
-from gameopt_vehicles.options import Options
+from gameopt_vehicles.options import Options, reports
 from gameopt_vehicles.report import Run, assemble, summary
 from gameopt_vehicles.road import Road
 from gameopt_vehicles.synthetic import SyntheticRoad
+from gameopt_vehicles.together import Together
 from gameopt_wire.intersection import Charter, IntersectionMap
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -38,10 +41,10 @@ class MeasuredRoad(Road, Protocol):
         ...
 
 
-async def drive(options: Options, load: Callable[[], MeasuredRoad] | None) -> int:
-    """Run the road that `load` opens, or a synthetic one without it; the exit code.
+async def drive(options: Options, load: Callable[[], list[MeasuredRoad]] | None) -> int:
+    """Run what `load` opens, one road for each junction, or a synthetic one without it; the exit code.
 
-    Raises `NoManager`, `BadBusConfiguration`, and what `load` and its road raise.
+    Raises `NoManager`, `BadBusConfiguration`, and what `load` and its roads raise.
     """
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -49,17 +52,22 @@ async def drive(options: Options, load: Callable[[], MeasuredRoad] | None) -> in
         loop.add_signal_handler(signal_number, stopped.set)
     endpoints = options.connect or (() if options.zenoh_config else (DEFAULT_ENDPOINT,))
     config = configuration(endpoints, options.zenoh_config)
-    road = load() if load else None
+    roads: list[MeasuredRoad] = load() if load else []
+    names: list[str | None] = [road.map.intersection for road in roads]
     try:
-        async with await Bus.open(config, reliable=options.clock == "lockstep") as bus:
-            charter = await bus.charter(road.map.intersection if road else options.junction)
-            if road is None:
-                road = SyntheticRoad(charter.map, options.synthetic or 0, options.seed)
-            _agree(charter, road, options)
-            bus.join(charter.map.intersection)
-            return await _run(road, bus, charter, options, stopped)
+        async with AsyncExitStack() as buses:
+            runs: list[tuple[MeasuredRoad, Bus, Charter]] = []
+            for name in names or options.junction or [None]:
+                bus = await buses.enter_async_context(await Bus.open(config, reliable=options.clock == "lockstep"))
+                charter = await bus.charter(name)
+                if load is None:
+                    roads.append(SyntheticRoad(charter.map, options.synthetic or 0, options.seed))
+                _agree(charter, roads[len(runs)], options)
+                bus.join(charter.map.intersection)
+                runs.append((roads[len(runs)], bus, charter))
+            return await _run(runs, options, stopped)
     finally:
-        if road is not None:
+        for road in roads:
             road.close()
 
 
@@ -86,7 +94,8 @@ def _without_turn_speeds(intersection: IntersectionMap) -> IntersectionMap:
     return structs.replace(intersection, movements=movements)
 
 
-async def _run(road: MeasuredRoad, bus: Bus, charter: Charter, options: Options, stopped: asyncio.Event) -> int:
+async def _run(runs: Sequence[tuple[MeasuredRoad, Bus, Charter]], options: Options, stopped: asyncio.Event) -> int:
+    """One fleet for each road, bus and charter, step by step together; the worst of their exit codes."""
     settings = Settings(
         clock=options.clock,
         duration_s=options.duration,
@@ -100,17 +109,42 @@ async def _run(road: MeasuredRoad, bus: Bus, charter: Charter, options: Options,
         delay_s=options.delay_ms / 1000.0,
         jitter_s=options.jitter_ms / 1000.0,
     )
-    start_s = road.time_s
-    with _progress_bar(options.duration, start_s) as show:
-        fleet = Fleet(road, bus, settings, on_step=show)
-        stopping = asyncio.create_task(_stop_when(stopped, fleet))
-        gone: NoManager | None = None
+    start_s = runs[0][0].time_s
+    together = Together(len(runs))
+    with _progress_bar(options.duration, start_s, [charter.map.intersection for _, _, charter in runs]) as show:
+        fleets = [
+            Fleet(road, bus, settings, together=together, on_step=each)
+            for (road, bus, _), each in zip(runs, show, strict=True)
+        ]
+        stopping = asyncio.create_task(_stop_when(stopped, fleets))
         try:
-            await fleet.run()
-        except NoManager as error:
-            gone = error  # said once what was driven until then is written down
+            # said once what was driven until then is written down
+            gone = [error for error in await asyncio.gather(*(_lead(fleet, stopped) for fleet in fleets)) if error]
         finally:
             stopping.cancel()
+    codes = [
+        _report(road, charter, fleet, options, start_s, path)
+        for (road, _, charter), fleet, path in zip(runs, fleets, reports(options), strict=True)
+    ]
+    if gone:
+        raise gone[0]
+    return max(codes)
+
+
+async def _lead(fleet: Fleet, stopped: asyncio.Event) -> NoManager | None:
+    """Run a fleet; where its manager is gone, the others end with it."""
+    try:
+        await fleet.run()
+    except NoManager as error:
+        stopped.set()
+        return error
+    return None
+
+
+def _report(
+    road: MeasuredRoad, charter: Charter, fleet: Fleet, options: Options, start_s: float, path: Path | None
+) -> int:
+    """Say, and write down, how it went at one junction; the exit code."""
     setup = Run(
         scenario=options.sumo.stem if options.sumo else f"synthetic-{options.synthetic}",
         seed=options.seed,
@@ -121,38 +155,40 @@ async def _run(road: MeasuredRoad, bus: Bus, charter: Charter, options: Options,
     )
     report = assemble(setup, charter, road.measurements(options.warmup), fleet.tally, fleet.lost)
     Console().print(summary(report))
-    if options.report is not None:
+    if path is not None:
         try:
-            options.report.write_bytes(report.to_json())
+            path.write_bytes(report.to_json())
         except OSError as error:
-            raise click.FileError(str(options.report), error.strerror) from None
-    if gone is not None:
-        raise gone
+            raise click.FileError(str(path), error.strerror) from None
     if report.collided():
         complain("vehicles collided; see the report")
         return EXIT_COLLISION
     return 0
 
 
-async def _stop_when(stopped: asyncio.Event, fleet: Fleet) -> None:
+async def _stop_when(stopped: asyncio.Event, fleets: Sequence[Fleet]) -> None:
     await stopped.wait()
-    fleet.stop()
+    for fleet in fleets:
+        fleet.stop()
 
 
 @contextmanager
-def _progress_bar(duration_s: float, start_s: float) -> Iterator[Callable[[FleetProgress], None]]:
-    """A bar on a terminal, nothing elsewhere: a log is no place for one."""
+def _progress_bar(
+    duration_s: float, start_s: float, names: Sequence[str]
+) -> Iterator[list[Callable[[FleetProgress], None]]]:
+    """A bar for each of several junctions on a terminal, nothing elsewhere: a log is no place for one."""
     console = Console(stderr=True)
     columns = (
-        TextColumn("{task.fields[time_s]:6.1f} s"),
+        TextColumn("{task.description}{task.fields[time_s]:6.1f} s"),
         BarColumn(),
         TextColumn("{task.fields[vehicles]:3d} vehicles  control cycle {task.fields[cycle_ms]:5.1f} ms"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=duration_s, time_s=start_s, vehicles=0, cycle_ms=0.0)
+        labels = [f"{name} " for name in names] if len(names) > 1 else [""]
+        tasks = [bar.add_task(label, total=duration_s, time_s=start_s, vehicles=0, cycle_ms=0.0) for label in labels]
 
-        def show(now: FleetProgress) -> None:
+        def show(task: TaskID, now: FleetProgress) -> None:
             bar.update(
                 task,
                 completed=now.time_s - start_s,
@@ -161,7 +197,7 @@ def _progress_bar(duration_s: float, start_s: float) -> Iterator[Callable[[Fleet
                 cycle_ms=now.control_cycle_ms,
             )
 
-        yield show
+        yield [partial(show, task) for task in tasks]
 
 
 def complain(message: str) -> None:

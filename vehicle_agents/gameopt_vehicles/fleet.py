@@ -19,6 +19,7 @@ from gameopt_vehicles.faults import Faults
 from gameopt_vehicles.road import Observation, Road
 from gameopt_vehicles.strategies import Strategy, truthful
 from gameopt_vehicles.tally import Tally
+from gameopt_vehicles.together import Together
 from gameopt_wire import codec, keys
 from gameopt_wire.messages import Clock, Command, CycleReport, Step
 
@@ -70,7 +71,7 @@ class _Outgoing(NamedTuple):
 
 
 class Fleet:
-    """All agents on one road, on one bus that has joined the road's intersection."""
+    """All agents on one road, on one bus that has joined its intersection; several fleets step `together`."""
 
     def __init__(
         self,
@@ -78,6 +79,7 @@ class Fleet:
         bus: Bus,
         settings: Settings,
         *,
+        together: Together | None = None,
         on_step: Callable[[Progress], None] | None = None,
         wall_s: Callable[[], float] = time.time,
     ) -> None:
@@ -85,6 +87,7 @@ class Fleet:
         self._road = road
         self._bus = bus
         self._settings = settings
+        self._together = together or Together(1)
         self._on_step = on_step
         self._wall_s = wall_s
         self._lockstep = settings.clock == "lockstep"
@@ -113,6 +116,12 @@ class Fleet:
 
     async def run(self) -> None:
         """Drive until the duration is over or `stop`; raises `NoManager` when lock-step gets no answer."""
+        try:
+            await self._run()
+        finally:
+            self._together.leave()
+
+    async def _run(self) -> None:
         start_s = self._road.time_s
         warming_up = self._settings.warmup_s > 0.0
         cycle = self._grid_point()
@@ -123,6 +132,7 @@ class Fleet:
                 warming_up = False
                 self.tally.restart()
                 self._lost_in_warmup += self.lost
+            await self._together.all_here()
             cycle = self._next_cycle(cycle)
             self._now_s = cycle / STEPS_PER_S
             self._mark = codec.step_mark(cycle) if self._lockstep else None

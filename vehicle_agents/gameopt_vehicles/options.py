@@ -10,6 +10,7 @@ import click
 import msgspec
 
 from gameopt_vehicles.strategies import Strategy, strategy_named
+from gameopt_wire import keys
 from gameopt_wire.messages import Clock
 
 
@@ -18,7 +19,7 @@ class Options(msgspec.Struct, frozen=True, kw_only=True):
 
     sumo: Path | None
     synthetic: int | None
-    junction: str | None
+    junction: tuple[str, ...]
     connect: tuple[str, ...]
     zenoh_config: Path | None
     clock: Clock
@@ -80,8 +81,21 @@ def check(options: Options) -> None:
         raise click.UsageError(f"--warmup {options.warmup:g} s must be less than --duration {options.duration:g} s")
     if options.sumo is None and (options.gui or options.articulated or options.sumo_options):
         raise click.UsageError("--gui, --articulated and SUMO options need --sumo")
-    if options.report is not None:
-        _check_writable(options.report)
+    if len(set(options.junction)) < len(options.junction):
+        raise click.UsageError(f"--junction {', '.join(options.junction)}: name each once")
+    if options.sumo is None and len(options.junction) > 1:
+        raise click.UsageError("several --junction need --sumo")
+    for report in reports(options):
+        if report is not None:
+            _check_writable(report)
+
+
+def reports(options: Options) -> list[Path | None]:
+    """Where the report of each junction goes: of several, to files with the junction's id before the suffix."""
+    path = options.report
+    if path is None or len(options.junction) < 2:
+        return [path] * max(1, len(options.junction))
+    return [path.with_suffix(f".{keys.encode(junction)}{path.suffix}") for junction in options.junction]
 
 
 def _check_writable(report: Path) -> None:

@@ -8,7 +8,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from itertools import takewhile
 from pathlib import Path
 
@@ -20,6 +20,10 @@ from gameopt_sumo.cli import command as sumo
 from gameopt_vehicles.cli import command as vehicles
 
 ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "deploy"))
+
+from two_junctions import write_scenario  # noqa: E402 - a script, in no package
+
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md")])
 PATIENCE_S = 120.0
 PROGRAMS: dict[str, click.Command] = {"gameopt-im": im, "gameopt-sumo": sumo, "gameopt-vehicles": vehicles}
@@ -120,22 +124,40 @@ def script(block: str, folder: Path) -> None:
 
 
 def follow(page: Path, folder: Path, **instead: str) -> None:
-    """Run the `sh` blocks of a page in their order; a manager serves until the vehicles of the next block end."""
-    manager: AbstractContextManager[None] = nullcontext()
+    """Run the `sh` blocks of a page in their order; managers serve until the vehicles of the next block end."""
+    managers: list[str] = []
     for written in blocks(page, "sh"):
         block = re.sub("|".join(map(re.escape, instead)) or "$^", lambda found: instead[found[0]], written)
-        if block.startswith("gameopt-im serve"):
-            manager = serving(block, folder)
+        if "gameopt-im serve" in block:
+            managers.append(block)
             continue
-        with manager:
+        with ExitStack() as ends:
+            for manager in managers:
+                ends.enter_context(serving(manager, folder))
             script(block, folder)
-        manager = nullcontext()
+        managers.clear()
 
 
 @pytest.fixture(autouse=True)
 def on_the_path(monkeypatch: pytest.MonkeyPatch) -> None:
     """As after `. .venv/bin/activate`."""
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+
+
+@pytest.mark.slow
+def test_by_hand_it_runs_as_the_readme_says(tmp_path: Path) -> None:
+    (tmp_path / ".venv").symlink_to(Path(sys.prefix))
+    follow(ROOT / "README.md", tmp_path)
+    assert (tmp_path / "out/report.json").exists()
+
+
+@pytest.mark.slow
+def test_two_managers_share_a_network(tmp_path: Path) -> None:
+    folder = tmp_path / "out/two-junctions"
+    folder.mkdir(parents=True)
+    write_scenario(folder, 60.0, 1)
+    follow(ROOT / "docs/scale.md", tmp_path)
+    assert sorted(path.name for path in tmp_path.glob("*.json")) == ["report.east.json", "report.west.json"]
 
 
 @pytest.mark.slow

@@ -74,16 +74,16 @@ def drive(
         if done >= 0:
             u = min(v[k] + a * STEP_S, max(v[k], exit_top))
         else:
-            limit = top if s > 0.0 else exit_top
+            most = top if s > 0.0 else exit_top
             if s > 0.0:
-                limit = min(limit, motion.turn_speed(s, v[k], b, STEP_S, turn))
+                most = min(most, motion.turn_speed(s, v[k], b, STEP_S, turn))
             elif x[k] < path:
-                limit = min(limit, turn)
+                most = min(most, turn)
             if slotless <= 0.0 and s > 0.0:
                 u = approach_speed(s, v[k], slot - k * STEP_S, h, rate, a, top, cap, turn_b, STEP_S)
             else:
                 u = v[k] + a * STEP_S
-            u = min(u, limit)
+            u = min(u, most)
         u, possible = follow(x[k], v[k], b, u, k, room)
         if done < 0 and not possible:
             return -1

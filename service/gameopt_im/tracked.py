@@ -15,7 +15,7 @@ from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.kinematics import NEVER
 from gameopt_im.core.parameters import VehicleClass
 from gameopt_im.core.snapshot import FOREIGN, NONE, Bools, Floats, Ints, Snapshot
-from gameopt_im.core.tracking import predicted
+from gameopt_im.core.tracking import seen
 from gameopt_wire.messages import State
 
 
@@ -108,12 +108,11 @@ def picture(
     cycle: int, time_s: float, ids: tuple[str, ...], heard: Heard, reserved: Bools, ground: Ground, silent_s: float
 ) -> Snapshot:
     """The snapshot of vehicles by their records; states older than `silent_s` are marked silent."""
-    s, v = predicted(
-        heard.time, heard.s, heard.v, heard.b_max, heard.setback, heard.accepted, reserved, time_s
-    )  # fmt: skip
     movement = heard.movement
-    limit = np.where(s > 0.0, ground.limit_mps[movement], ground.exit_mps[movement])
-    age = np.maximum(time_s - heard.time, 0.0)
+    s, v, v_max, age, waited, heard_s, heard_v, silent = seen(
+        heard.time, heard.s, heard.v, heard.b_max, heard.v_max, heard.setback, heard.entered, heard.accepted,
+        heard.vanished, movement, reserved, ground.limit_mps, ground.exit_mps, time_s, silent_s,
+    )  # fmt: skip
     return Snapshot(
         cycle=cycle,
         time_s=time_s,
@@ -123,21 +122,21 @@ def picture(
         length=heard.length,
         a_max=heard.a_max,
         b_max=heard.b_max,
-        v_max=np.minimum(heard.v_max, limit),
+        v_max=v_max,
         movement=movement,
         lane=ground.lane[movement],
         footprint=heard.footprint,
-        waited=np.maximum(time_s - heard.entered, 0.0),
+        waited=waited,
         assertiveness=heard.assertiveness,
         speed_priority=heard.speed_priority,
         variation_priority=heard.variation_priority,
         accepted=heard.accepted,
-        silent=(age > silent_s) | (heard.vanished > 0),
+        silent=silent,
         age=age,
         stranger_x=heard.stranger_x,
         stranger_v=heard.stranger_v,
         stranger_b=heard.stranger_b,
-        heard_s=np.where(age > 0.0, heard.s, s),
-        heard_v=np.where(age > 0.0, heard.v, v),
+        heard_s=heard_s,
+        heard_v=heard_v,
         gap=heard.gap,
     )

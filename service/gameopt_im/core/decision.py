@@ -38,6 +38,9 @@ class Settled:
     returned: tuple[Reservation, ...]
 
 
+NOTHING = Settled((), (), (), ())
+
+
 def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
     """Bring the book up to date with what the vehicles say.
 
@@ -46,13 +49,19 @@ def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
     by a vehicle that no longer names it and can stop; it lapses where its arrays end, for what its vehicle will do then
     is no longer known: the ground is held anew for whoever stands on it.
     """
-    present = set(snapshot.ids)
-    for vehicle in [each.vehicle for each in book.held.values() if each.vehicle not in present or not each.clearance]:
-        book.free(vehicle)
+    row, held = book.rows_of(snapshot.ids), len(book.held)
+    if np.count_nonzero(row >= 0) < held or not book.rows.clearance[:held].all():
+        present = set(snapshot.ids)
+        for each in [*book.held.values()]:
+            if each.vehicle not in present or not each.clearance:
+                book.free(each.vehicle)
     taken, end = _became(
         book.rows_of(snapshot.ids), book.rows, snapshot.cycle, snapshot.time_s, snapshot.accepted, snapshot.heard_s,
         snapshot.age, interlock.can_stop(snapshot, ground), ground.clear, ground.length,
     )  # fmt: skip
+
+    if not (taken.any() or end.any()):
+        return NOTHING
 
     def of(mask: Bools) -> tuple[Reservation, ...]:
         return tuple(book.held[snapshot.ids[i]] for i in mask.nonzero()[0])
@@ -126,15 +135,15 @@ def picture(snapshot: Snapshot, ground: Ground, book: Book, parameters: Paramete
             book.add(intrusion)
             scene.way[i] = book.row[intrusion.vehicle]
     withdrawn = withdraw(snapshot, ground, book, limits, parameters.interlock)
-    return Picture(_held_up(snapshot, ground, book, limits, scene), scene, strayed, withdrawn)
+    if withdrawn or scene.asked.any():
+        limits = _held_up(snapshot, ground, book, limits, scene)
+    return Picture(limits, scene, strayed, withdrawn)
 
 
 def _held_up(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, scene: Scene) -> Limits:
     """Rule 1 for those, too, whose clearance is asked back: the speed to drive by once they have dropped it."""
     asked = held_in(book.rows_of(snapshot.ids), book.rows.withdrawn)
     scene.asked[:] = asked
-    if not asked.any():
-        return limits
     return replace(limits, stop=interlock.stop_limits(snapshot, ground, asked | (limits.phase == UNCLEARED)))
 
 

@@ -56,6 +56,36 @@ def predicted(
 
 
 @kernel
+def seen(
+    time: Floats,
+    s: Floats,
+    v: Floats,
+    b: Floats,
+    v_max: Floats,
+    setback: Floats,
+    entered: Floats,
+    accepted: Ints,
+    vanished: Ints,
+    movement: Ints,
+    reserved: Bools,
+    limit: Floats,
+    exit_limit: Floats,
+    time_s: float,
+    silent_s: float,
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats, Bools]:
+    """What a snapshot at `time_s` says beside the records, (n,): s, v, v_max, age, waited, heard_s, heard_v, silent.
+
+    `limit` and `exit_limit` (M,) hold before the line and past it. A state older than `silent_s` is silence.
+    """
+    now_s, now_v = predicted(time, s, v, b, setback, accepted, reserved, time_s)
+    age = np.maximum(time_s - time, 0.0)
+    heard_s, heard_v = np.where(age > 0.0, s, now_s), np.where(age > 0.0, v, now_v)
+    top = np.minimum(v_max, np.where(now_s > 0.0, limit[movement], exit_limit[movement]))
+    silent = (age > silent_s) | (vanished > 0)
+    return now_s, now_v, top, age, np.maximum(time_s - entered, 0.0), heard_s, heard_v, silent
+
+
+@kernel
 def has_left(rear_m: float, front_m: float, end_m: float, patience: Patience) -> bool:
     """Whether it is through: the rear this far past the conflict zone, and the exit stretch done.
 

@@ -14,7 +14,7 @@ import numpy as np
 from demo import drive, end_as_ctrl_c_does, free_port, serving
 
 from gameopt_sumo.demand import arrivals, type_lines
-from gameopt_sumo.scenarios import build_net
+from gameopt_sumo.scenarios import FourArm, build_net
 
 OUT = Path("out/two-junctions")
 JUNCTIONS = ("west", "east")
@@ -25,7 +25,7 @@ FLOW_VEH_H = 400.0
 OTHER = {"west": "east", "east": "west"}
 ARMS = {"W": (-1.0, 0.0), "N": (0.0, 1.0), "S": (0.0, -1.0), "E": (1.0, 0.0)}
 TOWARDS = {"west": "E", "east": "W"}
-CLASSES = {"car": 0.85, "truck": 0.12, "emergency": 0.03}
+CLASSES = FourArm().classes
 
 
 @click.command()

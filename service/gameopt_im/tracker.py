@@ -221,10 +221,9 @@ class Tracker:
         self._vehicles[vehicle.state.vehicle] = vehicle
         insort(self._ordered, vehicle, key=lambda each: (each.entered_s, each.state.vehicle))
 
-    def _remove(self, name: str) -> Tracked:
+    def _remove(self, name: str) -> None:
         vehicle = self._vehicles.pop(name)
         self._ordered = [each for each in self._ordered if each is not vehicle]
-        return vehicle
 
     def _are_reserved(self, present: Sequence[Tracked]) -> Bools:
         return np.array([vehicle.state.vehicle in self.reserved for vehicle in present], dtype=np.bool_)

@@ -46,7 +46,7 @@ def test_lockstep_ends_when_its_manager_is_killed(sumocfg: Path, tmp_path: Path)
             last = await observer.until(crossing)
             serving.signal(signal.SIGKILL)
             ended = await driven.ended()
-        assert (ended.code, ended.err) == (3, "gameopt-vehicles: the manager has gone\n")
+        assert (ended.code, ended.err) == (3, "gameopt-vehicles: the manager of 'junction' has gone\n")
         assert last.time_s <= read(file)["duration_s"] < 500.0
 
     run(scenario)

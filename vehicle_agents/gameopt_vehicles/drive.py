@@ -118,27 +118,29 @@ async def _run(runs: Sequence[tuple[MeasuredRoad, Bus, Charter]], options: Optio
         ]
         stopping = asyncio.create_task(_stop_when(stopped, fleets))
         try:
-            # said once what was driven until then is written down
-            gone = [error for error in await asyncio.gather(*(_lead(fleet, stopped) for fleet in fleets)) if error]
+            ended = await asyncio.gather(*(_lead(fleet, stopped) for fleet in fleets), return_exceptions=True)
         finally:
             stopping.cancel()
+    errors = [error for error in ended if error is not None]
+    for error in errors:
+        if not isinstance(error, NoManager):
+            raise error
     codes = [
         _report(road, charter, fleet, options, start_s, path)
         for (road, _, charter), fleet, path in zip(runs, fleets, reports(options), strict=True)
     ]
-    if gone:
-        raise gone[0]
+    if errors:
+        raise errors[0]  # a manager is gone: said once what was driven until then is written down
     return max(codes)
 
 
-async def _lead(fleet: Fleet, stopped: asyncio.Event) -> NoManager | None:
-    """Run a fleet; where its manager is gone, the others end with it."""
+async def _lead(fleet: Fleet, stopped: asyncio.Event) -> None:
+    """Run a fleet; what makes it fail ends the others after their step. All come to the end of the run together."""
     try:
         await fleet.run()
-    except NoManager as error:
+    except Exception:
         stopped.set()
-        return error
-    return None
+        raise
 
 
 def _report(

@@ -195,10 +195,13 @@ class Fleet:
             if report is not None and report.cycle == cycle and len(self._answered) >= report.commands:
                 break
             if self._bus.presence and not self._bus.presence[-1]:
-                raise NoManager("the manager has gone")
+                raise NoManager(f"the manager of {self._bus.intersection!r} has gone")
             left_s = began_s + SILENCE_S - time.monotonic()
             if left_s <= 0.0 or not await self._bus.wait(left_s):
-                raise NoManager(f"the manager stopped answering at {self._now_s:.1f} s (waited {SILENCE_S:g} s)")
+                raise NoManager(
+                    f"the manager of {self._bus.intersection!r} stopped answering at {self._now_s:.1f} s "
+                    f"(waited {SILENCE_S:g} s)"
+                )
         # The order in which commands arrive is nobody's promise; the order of the road is.
         position = {vehicle: k for k, vehicle in enumerate(self._members)}
         self._batch.sort(key=lambda command: (position[command.vehicle], command.term, command.cycle))

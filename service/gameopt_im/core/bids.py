@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -82,13 +81,7 @@ def master_bids(features: Floats, weights: Sequence[Sequence[float]]) -> Floats:
 
     Summed currency by currency, not by a matrix product: its result may differ in the last bit by machine.
     """
-    return np.asarray(_weighed(features, _table(tuple(map(tuple, weights)), features.shape[1])))
-
-
-@lru_cache(maxsize=64)
-def _table(weights: tuple[tuple[float, ...], ...], columns: int) -> Floats:
-    """The weights as an array, not to be written to: they stay for as long as the configuration does."""
-    return np.asarray(weights, dtype=np.float64).reshape(-1, columns)
+    return _weighed(features, np.asarray(weights, dtype=np.float64).reshape(-1, features.shape[1]))
 
 
 @kernel

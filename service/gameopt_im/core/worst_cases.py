@@ -23,7 +23,7 @@ def refresh(snapshot: Snapshot, scene: Scene, book: Book) -> tuple[str, ...]:
     came late says as much, of the control cycle it is from: waiting for a fresh one would be for ever on a slow link.
     """
     row = book.rows_of(snapshot.ids)
-    cleared = (held_in(row, book.rows.clearance > 0)).nonzero()[0]
+    cleared = held_in(row, book.rows.clearance > 0).nonzero()[0]
     order = cleared[snapshot.s[cleared].argsort(kind="stable")]
     strayed = bring_up_to_date(order, scene, book.rows)
     return tuple(snapshot.ids[i] for i in order[strayed])

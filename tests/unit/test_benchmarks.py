@@ -147,7 +147,7 @@ def program() -> Programs:
     at = np.arange(2)
     a = csc((2, 2), at, at, np.ones(2))
     qp = QP(diagonal(np.ones(2)), -np.ones(2), a, np.full(2, -np.inf), np.full(2, 0.5))
-    return Programs([qp], -0.75, 1e-3, lambda: [np.full(2, 0.5)], lambda: None)
+    return Programs([qp], -0.75, 1e-3, lambda: [np.full(2, 0.5)])
 
 
 @pytest.mark.parametrize(
@@ -177,11 +177,11 @@ def test_a_solver_that_is_not_installed_is_a_line(name: str, monkeypatch: pytest
     monkeypatch.setattr(solvers, "installed", lambda solver: None if solver == name else "1.0")
     there = {each: lambda _qp: np.full(2, 0.5) for each in solvers.OPTIONAL}
     monkeypatch.setattr(solvers, "OPTIONAL", there)
-    lines = {each.compares: each for each in programs.solver_ratios("60 vehicles", "programs", [program()] * 6)}
+    lines = {each.compares: each for each in programs.solver_ratios("60 vehicles", "programs", "DAQP", [program()] * 6)}
     for solver in there:
-        line = lines[f"{solver} / OSQP, programs"]
+        line = lines[f"{solver} / DAQP, programs"]
         assert (line.failed is None) == (solver != name)
-    assert lines[f"{name} / OSQP, programs"].failed == f"not installed: {solvers.EXTRA}"
+    assert lines[f"{name} / DAQP, programs"].failed == f"not installed: {solvers.EXTRA}"
 
 
 # The whole comparison, on real control cycles
@@ -189,14 +189,14 @@ def test_a_solver_that_is_not_installed_is_a_line(name: str, monkeypatch: pytest
 
 def test_all_workers_decide_the_same_and_all_ways_solve(compared: list[Ratio]) -> None:
     found = {each.compares: each for each in compared}
-    wanted = [ratios.LITERAL, ratios.SAME_ROWS, programs.COLD, "1 worker / none, whole decision"]
+    wanted = [ratios.LITERAL, ratios.SAME_ROWS, programs.COLD, programs.SPLITTING, "1 worker / none, whole decision"]
     for name in wanted:
         assert found[name].failed is None, found[name]
         assert found[name].median is not None
         assert found[name].off == 0
     for solver in solvers.OPTIONAL:
-        for name in ("horizon programs", "the paper's program, reduced rows"):
-            line = found[f"{solver} / OSQP, {name}"]
+        for name in ("DAQP, horizon programs", "OSQP, the paper's program, reduced rows"):
+            line = found[f"{solver} / {name}"]
             if solvers.installed(solver):
                 assert line.failed is None, line
                 assert line.median is not None

@@ -1,8 +1,8 @@
-"""The service's programs as states to compare on: OSQP as the service has it, set up anew, and other solvers."""
+"""The service's programs as states to compare on: as the service solves them, by OSQP, and by other solvers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from gameopt_im.benchmarks.solvers import Solve
 from gameopt_im.core import horizon
 from gameopt_im.core.program import QP
 from gameopt_im.core.snapshot import Floats
-from gameopt_im.solver.horizon_job import HorizonJob, PlatoonJob
+from gameopt_im.solver.horizon_job import HorizonJob, PlatoonJob, PlatoonSolution
 from gameopt_im.solver.jobs import PaperJob
 from gameopt_im.solver.workspace import Workspace, kept_workspace, pattern
 
@@ -22,8 +22,9 @@ CLOSE = 1e-3
 """An objective may be off by this, relative to the exact one."""
 EXACT_MPS, EXACT_ITERATIONS = 1e-5, 200_000
 """How exactly answers are checked: OSQP again, far beyond what a control cycle asks for."""
-OSQP = "osqp"
+SERVICE = "service"
 COLD = "OSQP set up for every program / kept, horizon programs"
+SPLITTING = "OSQP, kept / DAQP, horizon programs"
 
 Answers = Sequence[Floats | None]
 """The solution x (nx,) of each program; None where there is none."""
@@ -34,16 +35,16 @@ class Programs:
     """Programs solved one after the other as one state.
 
     `exact` is the least objective of all together, with the `constant` that their `qps` leave out. `solve` is the
-    service's way with OSQP, `ready` what goes before it off the clock, `platoons` the jobs of the service where the
-    programs are its own.
+    service's way. Where the programs are its own, `platoons` are its jobs, and `others` those that its workspaces
+    solved last, which goes off the clock.
     """
 
     qps: Sequence[QP]
     exact: float
     residual_mps: float
     solve: Callable[[], Answers]
-    ready: Callable[[], object]
     platoons: Sequence[PlatoonJob] = ()
+    others: Sequence[PlatoonJob] = ()
     constant: float = 0.0
 
     def wrong(self, answers: Answers) -> str | None:
@@ -77,7 +78,8 @@ def _horizon(job: HorizonJob, before: HorizonJob) -> Programs | None:
     # Kept workspaces of every size are there, and solved another control cycle's programs last.
     others = [*platoons, *before.programs()]
     return Programs(
-        qps, constant + exact, job.residual_mps, lambda: _solved(platoons), lambda: _solved(others), platoons, constant
+        qps, constant + exact, job.residual_mps, lambda: _answers(job.solve() for job in platoons), platoons, others,
+        constant,
     )  # fmt: skip
 
 
@@ -89,7 +91,7 @@ def paper_programs(jobs: Iterator[PaperJob]) -> list[Programs]:
         exact = _exact([qp])
         if exact is not None:
             residual = job.parameters.residual_mps
-            made.append(Programs([qp], exact, residual, _cold_paper(qp, start, residual), lambda: None))
+            made.append(Programs([qp], exact, residual, _cold_paper(qp, start, residual)))
     return made
 
 
@@ -101,46 +103,59 @@ def _cold_paper(qp: QP, start: Floats, residual_mps: float) -> Callable[[], Answ
     return solve
 
 
-def solver_ratios(traffic: str, name: str, states: Sequence[Programs]) -> list[Ratio]:
-    """The other solvers against OSQP on the same programs; a line for each that is not installed."""
+def solver_ratios(traffic: str, name: str, by: str, states: Sequence[Programs]) -> list[Ratio]:
+    """Other solvers against the service, which solves `by`, on the same programs; a line for each not installed."""
     there = {solver: solve for solver, solve in solvers.OPTIONAL.items() if solvers.installed(solver)}
     ways = {solver: _other(solve) for solver, solve in there.items()}
-    times = in_turn(states, {OSQP: _service, **ways})
+    times = in_turn(states, {SERVICE: _service, **ways})
     return [
-        ratio(traffic, f"{solver} / OSQP, {name}", times[solver], times[OSQP])
+        ratio(traffic, f"{solver} / {by}, {name}", times[solver], times[SERVICE])
         if solver in there
-        else Ratio(traffic, f"{solver} / OSQP, {name}", 0, failed=f"not installed: {solvers.EXTRA}")
+        else Ratio(traffic, f"{solver} / {by}, {name}", 0, failed=f"not installed: {solvers.EXTRA}")
         for solver in solvers.OPTIONAL
     ]
 
 
-def cold_ratio(traffic: str, states: Sequence[Programs]) -> Ratio:
-    """A workspace set up for every program against kept ones; the answers are the same, bit for bit."""
-    times = in_turn(states, {COLD: _set_up, OSQP: _service})
-    return ratio(traffic, COLD, times[COLD], times[OSQP])
+def osqp_ratios(traffic: str, states: Sequence[Programs]) -> list[Ratio]:
+    """OSQP with kept workspaces against the service, and set up for every program against kept workspaces.
+
+    Of the latter the answers are the same, bit for bit.
+    """
+    times = in_turn(states, {SERVICE: _service, SPLITTING: _splitting, COLD: _set_up})
+    return [
+        ratio(traffic, SPLITTING, times[SPLITTING], times[SERVICE]),
+        ratio(traffic, COLD, times[COLD], times[SPLITTING]),
+    ]
 
 
 def _service(state: Programs) -> Timed:
-    state.ready()
+    for job in state.others:
+        job.solve()
     return timed(state.solve, state.wrong)
 
 
+def _splitting(state: Programs) -> Timed:
+    for job in state.others:
+        job.by_splitting()
+    return timed(lambda: _answers(job.by_splitting() for job in state.platoons), state.wrong)
+
+
 def _set_up(state: Programs) -> Timed:
-    """The service's way with nothing kept from one program to the next."""
-    return timed(lambda: [answer for job in state.platoons for answer in _without_kept(job)], state.wrong)
+    """With nothing kept from one program to the next."""
+    return timed(lambda: _answers(_without_kept(job) for job in state.platoons), state.wrong)
 
 
 def _other(solve: Solve) -> Callable[[Programs], Timed]:
     return lambda state: timed(lambda: [solve(qp) for qp in state.qps], state.wrong)
 
 
-def _without_kept(job: PlatoonJob) -> Answers:
+def _without_kept(job: PlatoonJob) -> PlatoonSolution | None:
     kept_workspace.cache_clear()
-    return _solved([job])
+    return job.by_splitting()
 
 
-def _solved(jobs: Sequence[PlatoonJob]) -> Answers:
-    return [None if (solution := job.solve()) is None else solution.u.ravel() for job in jobs]
+def _answers(solutions: Iterable[PlatoonSolution | None]) -> Answers:
+    return [None if solution is None else solution.u.ravel() for solution in solutions]
 
 
 def _exact(qps: Sequence[QP]) -> float | None:

@@ -8,10 +8,10 @@ The way covered is p_k = sum_{l <= k} D_l (u_{l-1} + u_l) / 2. Rows, all in m/s 
     rear end   p_follower - p_leader <= s_follower - s_leader - l_leader - M_sr    along each lane
 With H = 1 and D_1 = Delta t this is the paper's program without its lateral rows, which the slots replace.
 The bounds are widened to hold the reference, the approach law's own way, with SLACK_MPS to spare: a solution
-exists, and not only on an edge, where the solver would spend its iterations.
+exists, and not only on an edge, where a first-order solver would spend its iterations.
 Lanes share no row, so each is a program of its own, and two candidates that leave a lane its slots share it. A lane of
 more than LONGEST is cut into platoons; whoever is first in a later one stays behind the reference of the one ahead.
-A depends on nothing but a platoon's number of vehicles: workspaces live on and only values change.
+A depends on nothing but a platoon's number of vehicles, and P couples no two of them.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ def cost(ps: Floats, pv: Floats, top: Floats, v: Floats, trade_off: float, h: in
 
 
 def build(task: HorizonTask, rules: HorizonRules, slot: Floats, start: Start | None = None) -> Floats:
-    """(n, 17 H - 1) the programs of one candidate, one after the other, since its platoons share no row.
+    """(n, 16 H - 1) the programs of one candidate, one after the other, since its platoons share no row.
 
     Side by side: P's data, q, l and u of the four kinds of row, the speeds and the multipliers to start from, which
     are the reference and 0 where none are given. One array goes to a worker several times as fast as six.
@@ -187,7 +187,7 @@ def _side_by_side(
     data: Floats, q: Floats, lower: Floats, upper: Floats, reference: Floats, u: Floats, duals: Floats
 ) -> Floats:
     n, h = q.shape
-    values = np.empty((n, 17 * h - 1))
+    values = np.empty((n, 16 * h - 1))
     for i in range(n):
         at = 2 * h - 1
         values[i, :at] = data[i]

@@ -10,14 +10,14 @@ from gameopt_im.core.snapshot import Floats, Ints
 
 @kernel
 def violation(x: Floats, data: Floats, indices: Ints, indptr: Ints, lower: Floats, upper: Floats) -> float:
-    """Largest violation of lower <= A x <= upper (m,); not a number where a row's value is none."""
+    """Largest violation of lower <= A x <= upper (m,); not a number where a row's value or a bound is none."""
     ax = np.zeros(lower.shape[0])
     for j in range(x.shape[0]):
         for k in range(indptr[j], indptr[j + 1]):
             ax[indices[k]] += data[k] * x[j]
     worst = 0.0
     for i in range(ax.shape[0]):
-        if np.isnan(ax[i]):
+        if np.isnan(ax[i]) or np.isnan(lower[i]) or np.isnan(upper[i]):
             return np.nan
         worst = max(worst, lower[i] - ax[i], ax[i] - upper[i])
     return worst

@@ -1,1 +1,1 @@
-"""OSQP workspaces and the worker processes they live in."""
+"""The solvers of the programs, and the worker processes they live in."""

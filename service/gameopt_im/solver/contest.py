@@ -36,7 +36,7 @@ class Contest:
     def __init__(self, workers: int, parameters: Parameters | None = None) -> None:
         self._example = horizon_job.warm_up(parameters or Parameters())
         warm_up = [WarmUp(each) for each in self._example.programs()]
-        self._pool = Pool[PlatoonJob, PlatoonSolution](workers, jobs.SOLVE, warm_up, weigh=lambda job: len(job.values))
+        self._pool = Pool[PlatoonJob, PlatoonSolution](workers, jobs.SOLVE, warm_up, weigh=PlatoonJob.weight)
 
     @property
     def counts(self) -> Counts:

@@ -17,7 +17,7 @@ from gameopt_im.core import auction, corridor, decision, planning, program, stan
 from gameopt_im.core.budget import Effort
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.decision import Winner
-from gameopt_im.core.horizon import Start
+from gameopt_im.core.horizon import carried_over
 from gameopt_im.core.interlock import UNCLEARED, Limits
 from gameopt_im.core.planning import Bidders, Candidate
 from gameopt_im.core.reservations import Book
@@ -71,11 +71,11 @@ class Strategy(Protocol):
 
 
 class Ended(NamedTuple):
-    """Where the winner's program ended in a control cycle, and the row of each vehicle there."""
+    """The multipliers of the winner's program in a control cycle, and the row of each vehicle there."""
 
     cycle: int
     row: dict[str, int]
-    end: Start
+    duals: Floats
 
 
 class DefaultProfile:
@@ -113,20 +113,20 @@ class DefaultProfile:
         task = planning.horizon_task(snapshot, book, limits, problem, who, parameters)
         residual = parameters.program.residual_mps
         vehicles = tuple(snapshot.ids[i] for i in who.index)
-        start = self._start(snapshot.cycle, vehicles)
+        guess = self._guess(snapshot.cycle, vehicles)
         stakes = [planning.stake_of(option, parameters) for option in options]
         jobs = [
-            HorizonJob(task, self._rules, option.slots, residual, stake, start)
+            HorizonJob(task, self._rules, option.slots, residual, stake, guess)
             for option, stake in zip(options, stakes, strict=True)
         ]
         return Proposal(who, options, jobs, problem, snapshot.cycle, vehicles)
 
-    def _start(self, cycle: int, vehicles: tuple[str, ...]) -> Start | None:
-        """Where the programs start: where the last winner's ended, unless that was long ago or in another run."""
+    def _guess(self, cycle: int, vehicles: tuple[str, ...]) -> Floats | None:
+        """The last winner's multipliers, unless that was long ago or in another run."""
         if self._ended is None or not 0 < cycle - self._ended.cycle <= FORGET_CYCLES:
             return None
         row = self._ended.row
-        return self._ended.end.carried_over(np.array([row.get(vehicle, -1) for vehicle in vehicles]))
+        return carried_over(self._ended.duals, np.array([row.get(vehicle, -1) for vehicle in vehicles]))
 
     def choose(self, proposal: Proposal, results: Sequence[Outcome | None]) -> Winner | None:
         """Least predicted weighted delay plus a weight times J; the incumbent without a program if all are out.
@@ -145,7 +145,7 @@ class DefaultProfile:
         speeds = outcome.speeds if outcome is not None else self._unsolved(proposal.problem, option)
         if isinstance(outcome, HorizonOutcome):
             row = {vehicle: k for k, vehicle in enumerate(proposal.vehicles)}
-            self._ended = Ended(proposal.cycle, row, outcome.end)
+            self._ended = Ended(proposal.cycle, row, outcome.duals)
         bids = proposal.who.bids[max(option.weights, 0)]
         return Winner(option.weights, option.delay, option.order, option.slots, speeds, bids)
 

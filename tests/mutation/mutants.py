@@ -371,6 +371,27 @@ MUTANTS = (
         f"{UNIT}/test_standing.py::test_nobody_asks_whom_somebody_before_it_is_in_the_way_of",
     ),
     Mutant(
+        "a platoon whose rows forget who drives ahead",
+        f"{CORE}/least_distance.py",
+        "rows[row_of(n, h, i + 1, 3, k), column] = -mean",
+        "rows[row_of(n, h, i + 1, 3, k), column] = 0.0",
+        f"{UNIT}/test_active_set.py::test_who_follows_minds_who_is_ahead",
+    ),
+    Mutant(
+        "a guess that what binds below binds above",
+        f"{CORE}/least_distance.py",
+        "out[i] = LOWER",
+        "out[i] = UPPER",
+        f"{UNIT}/test_active_set.py::test_what_bound_is_right_at_once",
+    ),
+    Mutant(
+        "whatever a solver says taken for a solution",
+        "service/gameopt_im/solver/solution.py",
+        "if not residual <= residual_mps:",
+        "if False:",
+        f"{UNIT}/test_workspace.py::test_an_unfinished_solve_is_no_solution",
+    ),
+    Mutant(
         "an optimum whose rows bind in the other order",
         "service/gameopt_im/solver/joint_order.py",
         "model.addCons(left - most * (1 - active) <= slack)",

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gameopt_im.core.horizon import LONGEST
+from gameopt_im.solver.horizon_job import PlatoonJob
 from gameopt_im.solver.shares import SENDING, share_out
 
 
@@ -19,6 +22,12 @@ def test_without_workers_all_is_done_here() -> None:
 
 def test_heavy_jobs_are_spread() -> None:
     assert share_out([50.0, 60.0, 55.0], 2) == [[1], [2], [0]]
+
+
+def test_full_platoons_are_worth_a_workers_while_and_a_few_vehicles_are_not() -> None:
+    full, single = (PlatoonJob(np.zeros((count, 127)), (1.0,) * 8, 1e-3).weight() for count in (LONGEST, 1))
+    assert [len(share) for share in share_out([full] * 8, 1)] == [5, 3]
+    assert share_out([single] * 12, 1)[1] == []
 
 
 @given(weights=st.lists(st.integers(1, 10), max_size=40), workers=st.integers(0, 4))

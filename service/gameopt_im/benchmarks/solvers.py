@@ -2,7 +2,7 @@
 
 Each takes a program as it is built, brings it into the solver's form and is set up for it anew. Both are interior-point
 methods, which a start from the last control cycle does not help. They are asked for about as much as OSQP is, not for
-all that they could reach.
+all that they could reach; DAQP, which solves the horizon programs, can only be exact.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy import sparse
 
+from gameopt_im.core.corridor import FAR_MPS
 from gameopt_im.core.program import QP, Sparse
 from gameopt_im.core.residuals import quadratic, violation
 from gameopt_im.core.snapshot import Floats
@@ -22,8 +23,6 @@ from gameopt_im.core.snapshot import Floats
 EXTRA = "pip install 'gameopt[bench]'"
 TOLERANCE = 1e-4
 """Of residuals and the gap: what OSQP is asked for on the paper's program; on the horizon's it is asked for 4e-4."""
-NO_BOUND = 1e6
-"""m/s; whoever has no leader is told to stay behind one who is that far off, which would spoil a solver's scaling."""
 
 Solve: TypeAlias = Callable[[QP], Floats]
 """The solution x (nx,) of a program, from scratch; not a number where the solver gives none."""
@@ -45,7 +44,7 @@ def clarabel(qp: QP) -> Floats:
     settings.verbose = False
     settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = TOLERANCE
     p, a = _matrix(qp.P), _matrix(qp.A).tocsr()
-    upper, lower = qp.u < NO_BOUND, qp.l > -NO_BOUND
+    upper, lower = qp.u < FAR_MPS, qp.l > -FAR_MPS  # what is so far off would spoil a solver's scaling
     rows = sparse.vstack([a[upper], -a[lower]], format="csc")
     bounds = np.concatenate([qp.u[upper], -qp.l[lower]])
     cones = [solver.NonnegativeConeT(len(bounds))]
@@ -56,7 +55,7 @@ def piqp(qp: QP) -> Floats:
     """PIQP on sparse matrices: l <= Gx <= u is its own form, and it reads the upper triangle of P."""
     import piqp as solver
 
-    lower, upper = np.where(qp.l > -NO_BOUND, qp.l, -np.inf), np.where(qp.u < NO_BOUND, qp.u, np.inf)
+    lower, upper = np.where(qp.l > -FAR_MPS, qp.l, -np.inf), np.where(qp.u < FAR_MPS, qp.u, np.inf)
     found = solver.SparseSolver()
     found.settings.eps_abs = found.settings.eps_duality_gap_abs = TOLERANCE
     found.settings.eps_rel = found.settings.eps_duality_gap_rel = TOLERANCE

@@ -14,6 +14,8 @@ from gameopt_im.core.snapshot import Bools, Floats
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
 
+FAR_MPS = 1e4
+"""A bound beyond this is none: whoever has no leader is told to stay behind one who is farther off than that."""
 SLACK_MPS = 0.1
 """Play left around the reference, m/s (of the mean speed for the corridor, of a change of speed for the boxes)."""
 

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from gameopt_im.core.corridor import Approaching, bounds_of
+from gameopt_im.core.corridor import FAR_MPS, Approaching, bounds_of
 from gameopt_im.core.horizon import HorizonRules, HorizonTask, cost, lengths, mean_speeds
 from gameopt_im.core.kinematics import Manner, kernel
 from gameopt_im.core.snapshot import Floats, Ints
-
-FAR_MPS = 1e4
-"""A bound this far off is none, m/s."""
 
 
 def least_objectives(task: HorizonTask, rules: HorizonRules, slots: Floats, duals: Floats, play: float) -> Floats:

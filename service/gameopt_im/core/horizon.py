@@ -87,18 +87,9 @@ class HorizonRules:
     manner: Manner
 
 
-class Start(NamedTuple):
-    """Where the solver starts: speeds u (n, H), NaN where the approach law's are to be taken; multipliers (n, 4, H)."""
-
-    u: Floats
-    duals: Floats
-
-    def carried_over(self, row: Ints) -> Start:
-        """The start of other vehicles that were in these rows (n,); -1 where one was in none."""
-        known = row >= 0
-        return Start(
-            np.where(known[:, None], self.u[row], np.nan), np.where(known[:, None, None], self.duals[row], 0.0)
-        )
+def carried_over(duals: Floats, row: Ints) -> Floats:
+    """(n, 4, H) the multipliers of vehicles that were in these rows (n,); 0 where one was in none, that is -1."""
+    return np.where((row >= 0)[:, None, None], duals[row], 0.0)
 
 
 @lru_cache(maxsize=512)
@@ -168,24 +159,21 @@ def cost(ps: Floats, pv: Floats, top: Floats, v: Floats, trade_off: float, h: in
     return data, q
 
 
-def build(task: HorizonTask, rules: HorizonRules, slot: Floats, start: Start | None = None) -> Floats:
+def build(task: HorizonTask, rules: HorizonRules, slot: Floats, guess: Floats | None = None) -> Floats:
     """(n, 16 H - 1) the programs of one candidate, one after the other, since its platoons share no row.
 
-    Side by side: P's data, q, l and u of the four kinds of row, the speeds and the multipliers to start from, which
-    are the reference and 0 where none are given. One array goes to a worker several times as fast as six.
+    Side by side: P's data, q, l and u of the four kinds of row, the approach law's speeds, and the multipliers
+    (n, 4, H) that are guessed, 0 where none are given. One array goes to a worker several times as fast as six.
     """
     given = bounds_of(task.approaching(), slot, lengths(rules.blocks), rules.manner, rules.rear_gap)
     h = len(rules.blocks)
     data, q = cost(task.ps, task.pv, task.top, task.v, rules.trade_off, h)
-    if start is None:
-        start = Start(given.reference, np.zeros_like(given.lower))
-    return _side_by_side(data, q, given.lower, given.upper, given.reference, start.u, start.duals)
+    duals = np.zeros_like(given.lower) if guess is None else guess
+    return _side_by_side(data, q, given.lower, given.upper, given.reference, duals)
 
 
 @kernel
-def _side_by_side(
-    data: Floats, q: Floats, lower: Floats, upper: Floats, reference: Floats, u: Floats, duals: Floats
-) -> Floats:
+def _side_by_side(data: Floats, q: Floats, lower: Floats, upper: Floats, reference: Floats, duals: Floats) -> Floats:
     n, h = q.shape
     values = np.empty((n, 16 * h - 1))
     for i in range(n):
@@ -193,7 +181,7 @@ def _side_by_side(
         values[i, :at] = data[i]
         for k in range(h):
             values[i, at + k] = q[i, k]
-            values[i, at + 9 * h + k] = reference[i, k] if np.isnan(u[i, k]) else u[i, k]
+            values[i, at + 9 * h + k] = reference[i, k]
             for kind in range(4):
                 row = at + h + kind * h + k
                 values[i, row], values[i, row + 4 * h] = lower[i, kind, k], upper[i, kind, k]

@@ -10,14 +10,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from gameopt_im.core.corridor import FAR_MPS
 from gameopt_im.core.horizon import row_of
 from gameopt_im.core.kinematics import kernel
 from gameopt_im.core.snapshot import Floats
 
 UPPER, LOWER = 1, 3
-"""Flags of a row that is taken to bind: at its upper or its lower bound."""
-FAR_MPS = 1e6
-"""A bound beyond this is none: whoever has no leader is told to stay behind one who is that far off."""
+"""What a row that is taken to bind, at its upper or its lower bound, is marked with: the bits that DAQP reads."""
 
 
 @kernel
@@ -42,7 +41,7 @@ def inverse_factors(curvature: Floats, h: int) -> Floats:
 
 
 @kernel
-def least_distance(factors: Floats, q: Floats, way: Floats, rows: Floats) -> Floats:
+def transformed(factors: Floats, q: Floats, way: Floats, rows: Floats) -> Floats:
     """f (n * H,); writes A R^-1 to `rows` ((4 n - 1) H, n H), of which only what is ever written needs to be 0 before.
 
     `way` (H, H) is `horizon.mean_speeds`, `factors` are those of `inverse_factors`.

@@ -115,7 +115,7 @@ def _contenders(candidates: Sequence[HorizonJob], first: int, outcome: HorizonOu
     cheap = [k for k in others if candidates[k].stake.cost(0.0) <= limit]
     if not cheap:
         return []
-    least = horizon_job.least_costs([candidates[k] for k in cheap], outcome.end.duals)
+    least = horizon_job.least_costs([candidates[k] for k in cheap], outcome.duals)
     return [k for k, cost_at_least in zip(cheap, least, strict=True) if cost_at_least <= limit]
 
 

@@ -12,21 +12,22 @@ from typing import NamedTuple
 import numpy as np
 
 from gameopt_im.core import duality, horizon
-from gameopt_im.core.horizon import LONGEST, HorizonRules, HorizonTask, Start
+from gameopt_im.core.horizon import LONGEST, HorizonRules, HorizonTask
 from gameopt_im.core.kinematics import manner_of
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.planning import Stake
 from gameopt_im.core.snapshot import Floats
 from gameopt_im.solver import active_set
 from gameopt_im.solver.jobs import Outcome
-from gameopt_im.solver.workspace import Solution, Workspace, kept_workspace
+from gameopt_im.solver.solution import Solution
+from gameopt_im.solver.workspace import Workspace, kept_workspace
 
 COST_SCALE = 0.005
 """What OSQP sees of the cost: J may be off by more than the speeds are."""
 RHO, ALPHA, ITERATIONS = 0.5, 1.8, 2500
 ROW_LENGTHS = (1.0, 0.5, 0.7, 1.2)
-"""Its step size, relaxation and most iterations, and lengths of corridor, speed, change and rear-end rows: half of the
-step size needs half as many on most programs, but goes round in circles on some.
+"""Its step size, relaxation and most iterations, and lengths of corridor, speed, change and rear-end rows. A quarter of
+the step size needs half as many iterations on most programs, but goes round in circles on some.
 """
 CHECK = 5
 """Iterations from one look at the residuals to the next."""
@@ -38,16 +39,17 @@ TOLERANCE = 0.4
 
 @dataclass(frozen=True, slots=True)
 class HorizonOutcome(Outcome):
-    """An outcome with where it ended: the next control cycle starts there, and other candidates are judged by it."""
+    """An outcome with its multipliers (n, 4, H): the next control cycle's guess, and what others are judged by."""
 
-    end: Start
+    duals: Floats
 
 
 @dataclass(frozen=True, slots=True)
 class HorizonJob:
     """One candidate's slots (n,), s, for the task its control cycle shares, and its stake in the choice of q*.
 
-    `start` is where the last control cycle's winner ended: it depends on what was chosen then, and nothing else.
+    `guess` are the multipliers (n, 4, H) of the last control cycle's winner: they depend on what was chosen then, and
+    nothing else.
     """
 
     task: HorizonTask
@@ -55,7 +57,7 @@ class HorizonJob:
     slots: Floats
     residual_mps: float
     stake: Stake = ALONE
-    start: Start | None = None
+    guess: Floats | None = None
 
     def met(self) -> list[tuple[int, bytes]]:
         """Each platoon, its slots and that of whom it trails: all that its program depends on in a control cycle."""
@@ -67,7 +69,7 @@ class HorizonJob:
 
     def programs(self, until_s: float | None = None) -> list[PlatoonJob]:
         """Its programs, which different workers may solve."""
-        values = horizon.build(self.task, self.rules, self.slots, self.start)
+        values = horizon.build(self.task, self.rules, self.slots, self.guess)
         return [
             PlatoonJob(values[first:end], self.rules.blocks, self.residual_mps, until_s)
             for first, end in _parts(self.task.counts)
@@ -83,7 +85,7 @@ class HorizonJob:
             horizon.first_speeds(self.task, self.rules, u),
             horizon.objective(self.task, self.rules, u),
             max(solution.residual for solution in solved),
-            Start(u, np.concatenate([solution.duals for solution in solved])),
+            np.concatenate([solution.duals for solution in solved]),
         )
 
     def solve(self) -> HorizonOutcome | None:
@@ -122,7 +124,7 @@ class PlatoonJob(NamedTuple):
     """On the monotonic clock: after this there is no time for another attempt, which can take ten times as long."""
 
     def weight(self) -> float:
-        """How long it takes, in the units of `shares.SENDING`: measured, 15 us and 2 us for every pair of vehicles."""
+        """How long it takes, in the units of `shares.SENDING`: measured, 15 us and 2 us times n^2."""
         return 0.5 + len(self.values) ** 2 / 16.0
 
     def solve(self) -> PlatoonSolution | None:
@@ -133,14 +135,14 @@ class PlatoonJob(NamedTuple):
         return found
 
     def by_active_set(self) -> PlatoonSolution | None:
-        """DAQP's solution, exact but for rounding."""
+        """DAQP's solution: what binds is as good as exactly kept."""
         given = horizon.program(self.values, self.blocks)
         return self._solution(active_set.solve(given, self.blocks, self.residual_mps), 1.0)
 
     def by_splitting(self) -> PlatoonSolution | None:
-        """OSQP's, to the residual allowed, from zero multipliers: those that were given may be at fault."""
+        """OSQP's, to the residual allowed, from the approach law's speeds: the guess may be at fault."""
         qp, x, _ = horizon.program(self.values, self.blocks, COST_SCALE)
-        solution = _workspace(self.residual_mps).solve(qp.A.shape, qp, x, None, _row_lengths(*qp.A.shape))
+        solution = _workspace(self.residual_mps).solve(qp.A.shape, qp, x, _row_lengths(*qp.A.shape))
         return self._solution(solution, COST_SCALE)
 
     def _solution(self, solution: Solution | None, scale: float) -> PlatoonSolution | None:

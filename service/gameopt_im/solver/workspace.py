@@ -1,7 +1,7 @@
 """OSQP workspaces that live on: one per sparsity pattern, of which only the values change.
 
 A result depends on the program and the warm start alone, never on what was solved before: the step size rho
-is fixed, nothing is rescaled, no clock is read, and every solve starts from the given x and y. One that is
+is fixed, nothing is rescaled, no clock is read, and every solve starts from the given x and no multipliers. One that is
 new, reused or made again after it was dropped gives the same bits (`tests/unit/test_workspace.py`).
 """
 
@@ -10,7 +10,6 @@ from __future__ import annotations
 import signal
 from collections import OrderedDict
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -19,25 +18,11 @@ from osqp import ext_builtin as osqp
 from scipy.sparse import csc_matrix
 
 from gameopt_im.core.program import QP, Sparse
-from gameopt_im.core.residuals import quadratic, violation
 from gameopt_im.core.snapshot import Floats
+from gameopt_im.solver.solution import Solution, checked
 
 INFINITE: float = osqp.OSQP_INFTY
 """A bound this large is none."""
-
-
-@dataclass(frozen=True, slots=True)
-class Solution:
-    """x (nx,), the objective there with its constant, the largest violation of l <= Ax <= u (m/s), multipliers y (m,).
-
-    A multiplier is positive where a row is at its u.
-    """
-
-    x: Floats
-    y: Floats
-    objective: float
-    residual: float
-    iterations: int
 
 
 def pattern(qp: QP) -> bytes:
@@ -90,10 +75,9 @@ class Workspace:
         key: Hashable,
         qp: QP,
         start: Floats | None = None,
-        duals: Floats | None = None,
         lengths: Floats | None = None,
     ) -> Solution | None:
-        """The solution of `qp` from `start` (nx,) and `duals` (m,) or zeros, None where none is found.
+        """The solution of `qp` from `start` (nx,) or zeros, None where none is found.
 
         The solver sees the rows of A at these `lengths` (m,): the longer, the sooner it keeps to them. Residuals stay
         those of A. Programs under one `key` must have one sparsity pattern, or it raises ValueError, and one `lengths`.
@@ -108,14 +92,8 @@ class Workspace:
         else:
             self._kept.move_to_end(key)
             kept.update(qp)
-        x, y, iterations = kept.run(
-            np.zeros(len(qp.q)) if start is None else start, np.zeros(len(qp.l)) if duals is None else duals
-        )
-        residual = violation(x, qp.A.data, qp.A.indices, qp.A.indptr, qp.l, qp.u)
-        if not residual <= self._residual_mps:  # also where x is not a number
-            return None
-        objective = quadratic(x, qp.P.data, qp.P.indices, qp.P.indptr, qp.q) + qp.constant
-        return Solution(x, y, objective, residual, iterations)
+        x, y, iterations = kept.run(np.zeros(len(qp.q)) if start is None else start)
+        return checked(qp, x, y, iterations, self._residual_mps)
 
 
 kept_workspace = cache(Workspace)
@@ -169,9 +147,9 @@ class _Kept:
         if p is not None or a is not None:
             self._solver.update_data_mat(P_x=p, P_i=None, A_x=a, A_i=None)
 
-    def run(self, start: Floats, duals: Floats) -> tuple[Floats, Floats, int]:
-        """(x, y, iterations) from `start` and `duals`; x is not a number where the solver gives none."""
-        self._solver.warm_start(start, duals / self._scale)
+    def run(self, start: Floats) -> tuple[Floats, Floats, int]:
+        """(x, y, iterations) from `start`; x is not a number where the solver gives none."""
+        self._solver.warm_start(start, np.zeros(len(self._scale)))
         self._solver.solve()
         if self._solver.info.status_val == osqp.osqp_status_type.OSQP_SIGINT.value:
             signal.raise_signal(signal.SIGINT)  # the solver caught it: it is somebody else's to answer

@@ -53,19 +53,26 @@ def configuration(
             config = zenoh.Config.from_file(str(zenoh_config))
         except zenoh.ZError as error:
             raise BusError(f"{zenoh_config}: {_reason(error)}") from None
-        endpoints = [(f"{name}/endpoints", given) for name, given in _named(listen, connect) if given]
+        replaced = [(f"{name}/endpoints", given) for name, given in _named(listen, connect) if given]
     else:
         config = zenoh.Config()
         config.insert_json5("mode", json.dumps("router" if listen or not connect else "client"))
         config.insert_json5("scouting/multicast/enabled", "false")
         config.insert_json5("scouting/gossip/enabled", "false")
-        endpoints = [(f"{name}/endpoints", given) for name, given in _named(listen, connect)]
-    for key, given in endpoints:
+        replaced = [(f"{name}/endpoints", given) for name, given in _named(listen, connect)]
+    for key, given in replaced:
         try:
             config.insert_json5(key, json.dumps(given))
         except zenoh.ZError as error:
             raise BusError(f"{' '.join(given)}: not a Zenoh endpoint: {_reason(error)}") from None
     return config
+
+
+def endpoints(config: zenoh.Config) -> list[str]:
+    """Where the session is found: what it listens at, or connects to as a client."""
+    mode = json.loads(config.get_json("mode")) or "peer"
+    found = json.loads(config.get_json(f"{'connect' if mode == 'client' else 'listen'}/endpoints"))
+    return list(found.get(mode, []) if isinstance(found, dict) else found)
 
 
 def _named(listen: list[str], connect: list[str]) -> list[tuple[str, list[str]]]:

@@ -10,7 +10,7 @@ from contextlib import AsyncExitStack
 import structlog
 
 from gameopt_im import whole_way
-from gameopt_im.bus import Bus, configuration
+from gameopt_im.bus import Bus, configuration, endpoints
 from gameopt_im.clock import LockStep, WallClock
 from gameopt_im.garbage import BetweenCycles
 from gameopt_im.manager import Manager
@@ -56,7 +56,7 @@ async def serve(options: ServeOptions) -> None:
             clock=options.clock,
             profile=options.profile,
             geometry=options.geometry,
-            endpoints=list(options.listen or options.connect),
+            endpoints=endpoints(config),
         )
         await run(options, Manager(options, term, solver), bus, recorder, vitals, hub)
 

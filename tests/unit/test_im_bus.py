@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from gameopt_im.bus import Bus, BusError, configuration
+from gameopt_im.bus import Bus, BusError, configuration, endpoints
 from gameopt_im.inbox import Raw
 from gameopt_wire import codec, keys
 from gameopt_wire.messages import Command, LedgerEntry
@@ -309,3 +309,16 @@ def test_a_broken_file_is_one_line_that_names_it(tmp_path: Path, text: str | Non
     assert message.startswith(f"{file}: ")
     assert "\n" not in message
     assert ".rs" not in message
+
+
+def test_where_the_session_is_found_is_told(tmp_path: Path) -> None:
+    assert endpoints(configuration(listen=["tcp/127.0.0.1:1", "tcp/127.0.0.1:2"])) == [
+        "tcp/127.0.0.1:1",
+        "tcp/127.0.0.1:2",
+    ]
+    assert endpoints(configuration(connect=["tcp/127.0.0.1:1"])) == ["tcp/127.0.0.1:1"]
+    file = tmp_path / "zenoh.json5"
+    file.write_text('{ mode: "router", listen: { endpoints: ["tls/0.0.0.0:7447"] } }')
+    assert endpoints(configuration(zenoh_config=file)) == ["tls/0.0.0.0:7447"]
+    file.write_text("{}")  # Zenoh's own mode and endpoint
+    assert len(endpoints(configuration(zenoh_config=file))) == 1

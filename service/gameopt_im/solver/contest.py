@@ -65,6 +65,8 @@ class Contest:
         first = min(range(len(candidates)), key=lambda k: candidates[k].stake.cost(0.0))
         (results[first],) = await self._solved([candidates[first]], known, deadline_s)
         left = [k for k in _contenders(candidates, first, results[first]) if deadline_s is None or _now() < deadline_s]
+        if not left:
+            return results
         outcomes = await self._solved([candidates[k] for k in left], known, deadline_s)
         for k, outcome in zip(left, outcomes, strict=True):
             results[k] = outcome

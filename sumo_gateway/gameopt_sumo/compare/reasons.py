@@ -1,4 +1,4 @@
-"""Why a claim was not reproduced, as far as the runs themselves show it; else that no reason is known."""
+"""Why a claim was not reproduced, as far as the runs themselves show it; else that they do not."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STRONGER = (
 SHARED = (
     "taken in the runs, while others share the machine, and in lock-step, where a control cycle waits for all programs"
 )
-UNKNOWN = "no reason known"
+UNKNOWN = "the runs themselves do not show why"
 LITERAL = (
     "Taken literally the paper's program is rarely feasible in a closed loop, so most of its rows have slack, and the "
     "interlock makes vehicles stop that the program would not (docs/algorithm.md)."

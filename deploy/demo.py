@@ -21,6 +21,7 @@ BIN = Path(sys.executable).parent
 OUT = Path("out/demo")
 FLOW_VEH_H = 6000
 PORT = 7447
+ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 STOP_S = 5.0
 """A manager that has not ended by then, because it is compiling, is killed."""
 
@@ -58,7 +59,7 @@ def demo(seconds: float) -> None:
 
 def end_as_ctrl_c_does() -> None:
     """Whatever signal ends the script, what it has started is ended too."""
-    for ending in (signal.SIGTERM, signal.SIGHUP):
+    for ending in ENDINGS[1:]:
         signal.signal(ending, signal.default_int_handler)
 
 
@@ -128,7 +129,16 @@ def _stop(process: subprocess.Popen[str]) -> None:
 
 def drive(vehicles: list[object]) -> int:
     """Run the vehicles to their end; interrupted, they finish their step and still report."""
-    process = subprocess.Popen(_words(vehicles))
+    asked: list[int] = []
+    # A start that is broken off halfway leaves a process that nobody ends, and that has not heard of it.
+    usual = {each: signal.signal(each, lambda number, _: asked.append(number)) for each in ENDINGS}
+    try:
+        process = subprocess.Popen(_words(vehicles))
+    finally:
+        for each, handler in usual.items():
+            signal.signal(each, handler)
+    if asked:
+        process.terminate()
     while True:
         try:
             return process.wait()

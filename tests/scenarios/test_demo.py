@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import signal
@@ -64,3 +65,20 @@ def test_ends_on_ctrl_c_and_leaves_no_manager(tmp_path: Path) -> None:
         os.killpg(demo.pid, signal.SIGINT)  # as a terminal does: to the demo and its vehicles
         demo.communicate(timeout=PATIENCE_S)
     assert not left_in(tmp_path)
+
+
+def test_vehicles_that_are_just_being_started_are_ended_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C comes while they are: broken off there, they would wait for a manager for good, unheard of by anybody."""
+    monkeypatch.syspath_prepend(DEMO.parent)
+    demo = importlib.import_module("demo")
+    start = subprocess.Popen
+    started: list[subprocess.Popen[bytes]] = []
+
+    def interrupted(_command: object) -> subprocess.Popen[bytes]:
+        started.append(start([sys.executable, "-c", "import time; time.sleep(3600)"]))
+        signal.raise_signal(signal.SIGINT)
+        return started[0]
+
+    monkeypatch.setattr(demo.subprocess, "Popen", interrupted)
+    assert demo.drive(["gameopt-vehicles"]) == -signal.SIGTERM
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

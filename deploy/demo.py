@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
@@ -21,7 +21,6 @@ BIN = Path(sys.executable).parent
 OUT = Path("out/demo")
 FLOW_VEH_H = 6000
 PORT = 7447
-ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 STOP_S = 5.0
 """A manager that has not ended by then, because it is compiling, is killed."""
 
@@ -59,8 +58,30 @@ def demo(seconds: float) -> None:
 
 def end_as_ctrl_c_does() -> None:
     """Whatever signal ends the script, what it has started is ended too."""
-    for ending in ENDINGS[1:]:
+    for ending in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ending, signal.default_int_handler)
+
+
+@contextmanager
+def deferred() -> Iterator[Callable[[], None]]:
+    """Defers whatever signal ends the script until what this gives is called: then what has come is raised.
+
+    A start that is broken off halfway leaves a process that nobody ends.
+    """
+    came: list[int] = []
+    endings = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    usual = {each: signal.signal(each, lambda number, _: came.append(number)) for each in endings}
+
+    def release() -> None:
+        for each, handler in usual.items():
+            signal.signal(each, handler)
+        while came:
+            signal.raise_signal(came.pop())
+
+    try:
+        yield release
+    finally:
+        release()
 
 
 def free_port(usual: int) -> int:
@@ -82,26 +103,28 @@ def free_port(usual: int) -> int:
 @contextmanager
 def serving(manager: list[object], log_file: Path) -> Iterator[None]:
     """The manager, from the moment it serves until it has ended. Its log goes to `log_file`."""
-    process = subprocess.Popen(
-        _words([*manager, "--log-format", "json"]),
-        stdin=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        process_group=0,  # Ctrl-C is for the vehicles first: they still need their manager
-    )
-    assert process.stderr is not None
-    try:
-        with log_file.open("w") as log:
-            _await_serving(process.stderr, log)
-            rest = threading.Thread(target=log.writelines, args=[process.stderr])
-            rest.start()
-            try:
-                yield
-            finally:
-                _stop(process)
-                rest.join()
-    finally:
-        _stop(process)
+    with deferred() as release:
+        process = subprocess.Popen(
+            _words([*manager, "--log-format", "json"]),
+            stdin=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            process_group=0,  # Ctrl-C is for the vehicles first: they still need their manager
+        )
+        assert process.stderr is not None
+        try:
+            release()
+            with log_file.open("w") as log:
+                _await_serving(process.stderr, log)
+                rest = threading.Thread(target=log.writelines, args=[process.stderr])
+                rest.start()
+                try:
+                    yield
+                finally:
+                    _stop(process)
+                    rest.join()
+        finally:
+            _stop(process)
 
 
 def _await_serving(lines: IO[str], log: IO[str]) -> None:
@@ -129,21 +152,14 @@ def _stop(process: subprocess.Popen[str]) -> None:
 
 def drive(vehicles: list[object]) -> int:
     """Run the vehicles to their end; interrupted, they finish their step and still report."""
-    asked: list[int] = []
-    # A start that is broken off halfway leaves a process that nobody ends, and that has not heard of it.
-    usual = {each: signal.signal(each, lambda number, _: asked.append(number)) for each in ENDINGS}
-    try:
+    with deferred() as release:
         process = subprocess.Popen(_words(vehicles))
-    finally:
-        for each, handler in usual.items():
-            signal.signal(each, handler)
-    if asked:
-        process.terminate()
-    while True:
-        try:
-            return process.wait()
-        except KeyboardInterrupt:
-            process.terminate()
+        while True:
+            try:
+                release()
+                return process.wait()
+            except KeyboardInterrupt:
+                process.terminate()
 
 
 def _explain(*commands: list[object]) -> None:

@@ -36,6 +36,7 @@ from gameopt_im.core.budget import Effort
 from gameopt_im.core.conflicts import Ground, ground
 from gameopt_im.core.joint import in_order, joint
 from gameopt_im.core.reservations import Book
+from gameopt_im.core.residuals import objective
 from gameopt_im.core.snapshot import NONE, Ints, Snapshot
 from gameopt_im.optimal_results import SCHEMA, Compared, Results, Size, kept, table, write
 from gameopt_im.options import ServeOptions, StartError
@@ -218,7 +219,7 @@ def _reached(job: PaperJob) -> float:
     solution = kept_workspace(residual_mps=1e-5, max_iter=200_000).solve(pattern(qp), qp)
     if solution is None:
         raise StartError("a program without a solution within 200,000 iterations")
-    return solution.objective
+    return objective(qp, solution.x)
 
 
 @click.command(context_settings={"show_default": True})

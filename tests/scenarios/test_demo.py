@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -67,19 +68,31 @@ def test_ends_on_ctrl_c_and_leaves_no_manager(tmp_path: Path) -> None:
     assert not left_in(tmp_path)
 
 
-def test_vehicles_that_are_just_being_started_are_ended_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C comes while they are: broken off there, they would wait for a manager for good, unheard of by anybody."""
+@pytest.mark.parametrize("what", ["vehicles", "manager"])
+def test_what_is_just_being_started_is_ended_too(what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C comes while it is: broken off there, it would go on for good, unheard of by anybody."""
     monkeypatch.syspath_prepend(DEMO.parent)
     demo = importlib.import_module("demo")
     start = subprocess.Popen
-    started: list[subprocess.Popen[bytes]] = []
+    started: list[subprocess.Popen[str]] = []
 
-    def interrupted(_command: object) -> subprocess.Popen[bytes]:
-        started.append(start([sys.executable, "-c", "import time; time.sleep(3600)"]))
+    def interrupted(_command: object, **options: Any) -> subprocess.Popen[str]:
+        started.append(start([sys.executable, "-c", "input()"], **options | {"stdin": subprocess.PIPE}))
         signal.raise_signal(signal.SIGINT)
         return started[0]
 
+    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
     monkeypatch.setattr(demo.subprocess, "Popen", interrupted)
-    usual = signal.getsignal(signal.SIGINT)
-    assert demo.drive(["gameopt-vehicles"]) == -signal.SIGTERM
-    assert signal.getsignal(signal.SIGINT) is usual
+    try:
+        if what == "vehicles":
+            demo.drive(["gameopt-vehicles"])
+        else:
+            with pytest.raises(KeyboardInterrupt), demo.serving(["gameopt-im"], tmp_path / "manager.log"):
+                pass
+        assert started[0].poll() == -signal.SIGTERM
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, usual)
+        for each in started:
+            each.kill()
+            each.communicate()

@@ -11,6 +11,7 @@ from builders import CONFLICT, traffic
 from gameopt_im.core.joint import Joint, always_before, in_order, joint
 from gameopt_im.core.parameters import Program
 from gameopt_im.core.program import LATERAL_PENALTY, Traffic, violations
+from gameopt_im.core.residuals import objective
 from gameopt_im.core.snapshot import Ints
 from gameopt_im.solver.joint_order import solve
 from gameopt_im.solver.workspace import Workspace, pattern
@@ -47,7 +48,7 @@ def value(vehicles: Traffic, order: Ints) -> float:
     qp = in_order(vehicles, order, CONFLICT, SETTINGS, DT_S)
     solution = EXACT.solve(pattern(qp), qp)
     assert solution is not None
-    return solution.objective
+    return objective(qp, solution.x)
 
 
 def orders(vehicles: Traffic) -> list[Ints]:

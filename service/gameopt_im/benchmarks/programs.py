@@ -13,6 +13,7 @@ from gameopt_im.benchmarks.pairs import Ratio, Timed, in_turn, ratio, timed
 from gameopt_im.benchmarks.solvers import Solve
 from gameopt_im.core import horizon
 from gameopt_im.core.program import QP
+from gameopt_im.core.residuals import objective, residual
 from gameopt_im.core.snapshot import Floats
 from gameopt_im.solver.horizon_job import HorizonJob, PlatoonJob, PlatoonSolution
 from gameopt_im.solver.jobs import PaperJob
@@ -52,10 +53,10 @@ class Programs:
         found = [answer for answer in answers if answer is not None]
         if len(found) < len(self.qps):
             return "no solution"
-        worst = max((solvers.residual(qp, x) for qp, x in zip(self.qps, found, strict=True)), default=0.0)
+        worst = max((residual(qp, x) for qp, x in zip(self.qps, found, strict=True)), default=0.0)
         if not worst <= self.residual_mps:
             return f"residual {worst:.1e} m/s"
-        reached = self.constant + sum(solvers.objective(qp, x) for qp, x in zip(self.qps, found, strict=True))
+        reached = self.constant + sum(objective(qp, x) for qp, x in zip(self.qps, found, strict=True))
         off = abs(reached - self.exact) / (1.0 + abs(self.exact))
         return None if off <= CLOSE else f"objective off by {off:.1e}"
 
@@ -161,4 +162,6 @@ def _answers(solutions: Iterable[PlatoonSolution | None]) -> Answers:
 def _exact(qps: Sequence[QP]) -> float | None:
     """The least objective of all programs together; None where it is not found."""
     found = [Workspace(residual_mps=EXACT_MPS, max_iter=EXACT_ITERATIONS).solve(pattern(qp), qp) for qp in qps]
-    return sum(each.objective for each in found if each) if all(found) else None
+    if not all(found):
+        return None
+    return sum(objective(qp, each.x) for qp, each in zip(qps, found, strict=True) if each)

@@ -17,7 +17,6 @@ from scipy import sparse
 
 from gameopt_im.core.corridor import FAR_MPS
 from gameopt_im.core.program import QP, Sparse
-from gameopt_im.core.residuals import quadratic, violation
 from gameopt_im.core.snapshot import Floats
 
 EXTRA = "pip install 'gameopt[bench]'"
@@ -66,16 +65,6 @@ def piqp(qp: QP) -> Floats:
 
 OPTIONAL: MappingProxyType[str, Solve] = MappingProxyType({"clarabel": clarabel, "piqp": piqp})
 """By their names in the package index."""
-
-
-def residual(qp: QP, x: Floats) -> float:
-    """Largest violation of l <= Ax <= u, m/s; not a number where x is none."""
-    return violation(x, qp.A.data, qp.A.indices, qp.A.indptr, qp.l, qp.u)
-
-
-def objective(qp: QP, x: Floats) -> float:
-    """1/2 x'Px + q'x + constant."""
-    return quadratic(x, qp.P.data, qp.P.indices, qp.P.indptr, qp.q) + qp.constant
 
 
 def _matrix(matrix: Sparse) -> Any:

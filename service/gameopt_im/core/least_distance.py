@@ -71,7 +71,7 @@ def transformed(factors: Floats, q: Floats, way: Floats, rows: Floats) -> Floats
 
 
 @kernel
-def binding(y: Floats, lower: Floats, upper: Floats) -> npt.NDArray[np.int32]:
+def working_set(y: Floats, lower: Floats, upper: Floats) -> npt.NDArray[np.int32]:
     """(m,) which rows to take to bind: those with a multiplier, where there is a bound."""
     out = np.zeros(y.shape[0], dtype=np.int32)
     for i in range(y.shape[0]):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gameopt_im.core.kinematics import kernel
+from gameopt_im.core.program import QP
 from gameopt_im.core.snapshot import Floats, Ints
 
 
@@ -32,3 +33,13 @@ def quadratic(x: Floats, data: Floats, indices: Ints, indptr: Ints, q: Floats) -
         for k in range(indptr[j], indptr[j + 1]):
             value += (0.5 if indices[k] == j else 1.0) * data[k] * x[indices[k]] * x[j]
     return value
+
+
+def residual(qp: QP, x: Floats) -> float:
+    """Largest violation of l <= Ax <= u, m/s; not a number where x or a bound is none."""
+    return violation(x, qp.A.data, qp.A.indices, qp.A.indptr, qp.l, qp.u)
+
+
+def objective(qp: QP, x: Floats) -> float:
+    """1/2 x'Px + q'x + constant."""
+    return quadratic(x, qp.P.data, qp.P.indices, qp.P.indptr, qp.q) + qp.constant

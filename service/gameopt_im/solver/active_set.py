@@ -34,7 +34,7 @@ def solve(given: Programmed, blocks: tuple[float, ...], residual_mps: float) -> 
     factors = least_distance.inverse_factors(qp.P.data, h)
     identity, rows = _buffers(len(factors), h)
     f = least_distance.transformed(factors, qp.q, horizon.mean_speeds(blocks), rows)
-    guess = least_distance.binding(given.y, qp.l, qp.u)
+    guess = least_distance.working_set(given.y, qp.l, qp.u)
     most = max(STEPS, len(guess))
     z, _, flag, info = daqp.solve(identity, f, rows, qp.u, qp.l, guess, iter_limit=most, primal_tol=VIOLATION)
     if flag != OPTIMAL:

@@ -10,6 +10,7 @@ import numpy as np
 from gameopt_im.core import program
 from gameopt_im.core.parameters import Program
 from gameopt_im.core.program import QP, Traffic
+from gameopt_im.core.residuals import objective
 from gameopt_im.core.snapshot import Bools, Floats, Ints
 from gameopt_im.solver.workspace import kept_workspace, pattern
 from gameopt_wire.messages import STEP_S
@@ -75,7 +76,7 @@ class PaperJob:
         if solution is None:
             return None
         speeds = np.clip(solution.x[: len(vehicles)], *program.boxes(vehicles, STEP_S))
-        return Outcome(speeds, solution.objective, solution.residual)
+        return Outcome(speeds, objective(qp, solution.x), solution.residual)
 
 
 def warm_up() -> list[Job]:

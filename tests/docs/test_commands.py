@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -29,11 +30,18 @@ PATIENCE_S = 120.0
 PROGRAMS: dict[str, click.Command] = {"gameopt-im": im, "gameopt-sumo": sumo, "gameopt-vehicles": vehicles}
 NEEDS_DOCKER = {"docs/containers.md"}
 """Pages that say so; their commands are not run here."""
+FOLLOWED = ("README.md", "docs/scale.md", "docs/tutorial.md", "docs/two-machines.md", "docs/results/loss.md")
+"""Pages whose `sh` blocks are run as they stand."""
+RUN_ELSEWHERE = {"make demo": "test_demo.py", "make two-junctions": "test_two_junctions.py"}
+"""By tests of `tests/scenarios`."""
+TAKE_LONG = {"make compare", "make load", "docs/results/comparison.md", "docs/results/comparison-turning.md"}
+"""Minutes to hours: targets that no run of the tests waits for, and pages that say how they were made."""
 
 
 def blocks(page: Path, language: str) -> list[str]:
     """The fenced blocks of a page that are marked so."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
+    fenced = re.findall(r"^```(\w*)\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
+    return [block for marked, block in fenced if marked == language]
 
 
 def lines(page: Path) -> list[str]:
@@ -79,6 +87,19 @@ def test_what_is_to_be_typed_is_understood(
                 Path(word).touch()
         command, rest = meant(PROGRAMS[Path(program).name], given)
         command.make_context(command.name, rest)
+
+
+@pytest.mark.parametrize(("page", "words"), TYPED, ids=[f"{page}: {words}" for page, words in TYPED])
+def test_what_is_to_be_typed_is_run_or_it_is_known_why_not(page: str, words: str) -> None:
+    command = words.partition("#")[0].strip()
+    if command in RUN_ELSEWHERE:
+        there = (ROOT / "tests/scenarios" / RUN_ELSEWHERE[command]).read_text()
+        assert f"deploy/{command.removeprefix('make ').replace('-', '_')}.py" in (ROOT / "Makefile").read_text()
+        assert "subprocess.run" in there
+        return
+    followed = page in FOLLOWED and any(words in block for block in blocks(ROOT / page, "sh"))
+    known = is_a_usage(words) or bool({page, command} & (NEEDS_DOCKER | TAKE_LONG))
+    assert followed != known, f"{page}: {words}"
 
 
 @pytest.mark.parametrize(("page", "words"), NAMED, ids=[f"{page}: {words}" for page, words in NAMED])
@@ -169,3 +190,11 @@ def test_the_tutorial_leads_to_a_comparison(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_manager_and_vehicles_meet_over_tcp_and_tls(tmp_path: Path) -> None:
     follow(ROOT / "docs/two-machines.md", tmp_path, **{"192.0.2.10": "127.0.0.1"})
+
+
+@pytest.mark.slow
+def test_vehicles_get_through_where_messages_are_lost(tmp_path: Path) -> None:
+    follow(ROOT / "docs/results/loss.md", tmp_path)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["messages"]["lost"] > 10_000
+    assert report["vehicles"]["crossed"] > 300

@@ -85,8 +85,10 @@ class Tracker:
         self._clock = clock
         self._term = term
         self._movements = {movement.id: index for index, movement in enumerate(intersection.movements)}
-        self._zone_m: list[float] = [intersection.lanes[movement.lane].zone_m for movement in intersection.movements]
+        zones = [intersection.lanes[movement.lane].zone_m for movement in intersection.movements]
+        self._ahead_m: list[float] = [zone_m + OUTSIDE_ZONE_M for zone_m in zones]
         self._exit_end_m = ground.length + ground.exit_length
+        self._behind_m: list[float] = (self._exit_end_m + OUTSIDE_ZONE_M).tolist()
         service, stretch_m = parameters.service, parameters.exit.distance_m
         self._patience = Patience(service.stale_s, service.hold_s, stretch_m, stretch_m + AFTER_EXIT_M)
         self._vehicles: dict[str, Tracked] = {}
@@ -134,12 +136,18 @@ class Tracker:
     def ingest_state(self, state: State, now_s: float) -> Reason | None:
         """Takes a state in; the reason where it is not taken."""
         known = self._vehicles.get(state.vehicle)
+        if known is not None and same_body(known.state, state):
+            reason = self._misplaced(state, known.movement, now_s) or _outdated(known.state, state)
+            if reason is None:
+                known.state, known.vanished = state, False
+                known.note(self._term)
+            return self._count(reason)
         movement = self._movements.get(state.movement)
         if movement is None:
             return self._count("unknown_movement")
         last = known.state if known else self._gone.get(state.vehicle)
-        reason = self._implausible(state, movement, now_s) or _outdated(last, state)
-        if reason is None and known and self._holds_clearance(known) and not same_body(known.state, state):
+        reason = self._misplaced(state, movement, now_s) or self._uncovered(state) or _outdated(last, state)
+        if reason is None and known and self._holds_clearance(known):
             reason = "changed"
         if reason is None and known is None and len(self._vehicles) >= ENDLESS * self._parameters.service.max_vehicles:
             reason = "overload"
@@ -191,18 +199,19 @@ class Tracker:
         self.reserved = reserved
         self._refuse()
         present = self._ordered
+        ids = tuple([vehicle.state.vehicle for vehicle in present])
         heard = heard_of(present)
-        held = self._are_reserved(present)
+        held = np.array([*map(reserved.__contains__, ids)], dtype=np.bool_)
         become = self._fates(heard, held, time_s)
         if become.any():
             for vehicle, fate in zip(present, become.tolist(), strict=True):
                 if fate != STAYS:
                     self._drop(vehicle, FATES[fate], time_s)
-            present, heard, held = self._ordered, heard.only(become == STAYS), held[become == STAYS]
+            heard, held = heard.only(become == STAYS), held[become == STAYS]
+            ids = tuple([vehicle.state.vehicle for vehicle in self._ordered])
         self._forget(time_s)
         self.fallbacks = int(np.count_nonzero(heard.fallback))
         silent_s = SILENT_CYCLES[self._clock] * STEP_S
-        ids = tuple(vehicle.state.vehicle for vehicle in present)
         return picture(cycle, time_s, ids, heard, held, self._ground, silent_s)
 
     def _refuse(self) -> None:
@@ -224,9 +233,6 @@ class Tracker:
     def _remove(self, name: str) -> None:
         vehicle = self._vehicles.pop(name)
         self._ordered = [each for each in self._ordered if each is not vehicle]
-
-    def _are_reserved(self, present: Sequence[Tracked]) -> Bools:
-        return np.array([vehicle.state.vehicle in self.reserved for vehicle in present], dtype=np.bool_)
 
     def _holds_clearance(self, vehicle: Tracked) -> bool:
         return vehicle.state.vehicle in self.reserved or vehicle.state.accepted is not None
@@ -251,20 +257,16 @@ class Tracker:
     def _wrong_time(self, time_s: float, now_s: float) -> Reason | None:
         return None if -self._parameters.service.stale_s <= time_s - now_s <= FUTURE_S else "time"
 
-    def _implausible(self, state: State, movement: int, now_s: float) -> Reason | None:
-        ahead_m = self._zone_m[movement] + OUTSIDE_ZONE_M
-        behind_m = self._exit_end_m[movement] + state.length_m + OUTSIDE_ZONE_M
-        if not -behind_m <= state.distance_m <= ahead_m:
+    def _misplaced(self, state: State, movement: int, now_s: float) -> Reason | None:
+        if not -self._behind_m[movement] - state.length_m <= state.distance_m <= self._ahead_m[movement]:
             return "out_of_range"
-        if not self._map.covers(state.length_m, state.width_m):
-            return "uncovered"
         return self._wrong_time(state.time_s, now_s)
 
+    def _uncovered(self, state: State) -> Reason | None:
+        return None if self._map.covers(state.length_m, state.width_m) else "uncovered"
+
     def _take(self, state: State, movement: int, known: Tracked | None, now_s: float) -> None:
-        if known is not None and same_body(known.state, state):
-            known.state, known.vanished = state, False
-            known.note(self._term)
-            return
+        """Begin a vehicle's record, or begin it anew for a body or movement that has changed."""
         bounds = class_bounds(self._parameters.classes, state.vehicle_class)
         bid = self._bids.get(state.vehicle)
         footprint = self._map.footprint_of(state.length_m, state.width_m)
@@ -290,7 +292,7 @@ class Tracker:
     def _forget(self, time_s: float) -> None:
         """Bids of vehicles that never came or have gone, and the gone, once their messages are too old to be taken."""
         oldest_s = time_s - self._parameters.service.stale_s
-        for name in [name for name in self._bids if name not in self._vehicles]:
+        for name in self._bids.keys() - self._vehicles.keys():
             if self._bids[name].time_s < oldest_s:
                 del self._bids[name]
         for name in [name for name, state in self._gone.items() if state.time_s < oldest_s]:

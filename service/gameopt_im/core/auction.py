@@ -235,8 +235,21 @@ def sequences(bids: Floats, lines: Queues, group: Ints, ratio: float, share: flo
 
 def prices_of_order(order: Ints, bids: Floats, group: Ints, ratio: float) -> Floats:
     """(n,) what each vehicle pays for its turn in its own conflict group when `order` is run; 0 outside."""
-    charged = np.zeros(len(bids))
-    for label in np.unique(group[group != OUTSIDE]):
-        members = order[group[order] == label]
-        charged[members] = prices(bids[members], slot_values(len(members), ratio))
+    return np.asarray(_charged(order, bids, group, slot_values(len(bids) + 1, ratio)))
+
+
+@kernel
+def _charged(order: Ints, bids: Floats, group: Ints, alpha: Floats) -> Floats:
+    """`prices` within every group at once, from the last turn to the first."""
+    charged, groups = np.zeros(bids.shape[0]), group.max() + 1
+    turns, price, behind = np.zeros(groups, np.int64), np.zeros(groups), np.zeros(groups)
+    for label in group[group != OUTSIDE]:
+        turns[label] += 1
+    for i in order[::-1]:
+        g = group[i]
+        if g == OUTSIDE:
+            continue
+        turns[g] -= 1
+        price[g] += behind[g] * (alpha[turns[g]] - alpha[turns[g] + 1])  # nobody is behind the last
+        charged[i], behind[g] = price[g], bids[i]
     return charged

@@ -249,16 +249,16 @@ def _price(
     if not grants.given:
         return
     prices = auction.prices_of_order(winner.order, winner.bids, who.group, parameters.auction.slot_value_ratio)
-    row = {snapshot.ids[i]: k for k, i in enumerate(who.index)}
     for reservation in grants.given:
-        k = row[reservation.vehicle]
+        k = int((who.index == snapshot.ids.index(reservation.vehicle)).argmax())
         book.price(reservation.vehicle, float(prices[k]), float(winner.bids[k]))
 
 
 def incumbent_order(previous: tuple[str, ...], snapshot: Snapshot, who: Bidders) -> list[int]:
     """The bidders' rows in last cycle's order, newcomers appended in order of their zone entry."""
-    row = {snapshot.ids[i]: k for k, i in enumerate(who.index)}
+    index = who.index.tolist()
+    row = {snapshot.ids[i]: k for k, i in enumerate(index)}
     known = [row[vehicle] for vehicle in previous if vehicle in row]
     seen = set(known)
-    newcomers = sorted((int(i), k) for k, i in enumerate(who.index) if k not in seen)
+    newcomers = sorted((i, k) for k, i in enumerate(index) if k not in seen)
     return known + [k for _, k in newcomers]

@@ -152,7 +152,8 @@ class Book:
     def rows_of(self, vehicles: tuple[str, ...]) -> Ints:
         """(n,): the row of each vehicle's reservation, LOOSE where it has none; not to be written to."""
         if self._asked is None or self._asked[0] is not vehicles:
-            row = np.array([self.row.get(vehicle, LOOSE) for vehicle in vehicles], dtype=np.int64)
+            row_of = self.row.get
+            row = np.array([row_of(vehicle, LOOSE) for vehicle in vehicles], dtype=np.int64)
             self._asked = vehicles, row
         return self._asked[1]
 

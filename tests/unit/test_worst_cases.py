@@ -61,7 +61,7 @@ def test_the_room_from_some_time_ago_is_the_room_from_now_with_what_went_before(
     book = Book()
     book.add(replace(cleared("a", 5.0), start=start))
     ahead = nobody(2)
-    ahead.row[0] = book.row["a"]
+    ahead.row[0] = ahead.late_row[0] = book.row["a"]
     ahead.number[1, X], ahead.number[1, V], ahead.number[1, B] = 30.0, SPEED_MPS, 4.5
     ways = ways_of(book.rows)
     now, ago = room_behind(ahead, late, 10, 0, ways), room_behind(ahead, late, 10, 3, ways)

@@ -61,7 +61,10 @@ class Scene(NamedTuple):
 
 
 class Ways(NamedTuple):
-    """Where everybody with a row goes, nominal and worst case, from control cycle `start` on (rows, HORIZON)."""
+    """Where everybody with a row goes, nominal and worst case, from control cycle `start` on (rows, HORIZON).
+
+    Exit ways are worst cases only: nominally who is past the conflict zone goes on at its speed.
+    """
 
     x: Floats
     v: Floats
@@ -73,11 +76,12 @@ class Ways(NamedTuple):
 class Ahead(NamedTuple):
     """m leaders of one vehicle: their rows in `Ways`, and numbers (m, 7), by the columns below.
 
-    The room behind a leader is its x less `BACK`. It counts from where its x + `SHIFT` reaches `SINCE` (it has merged)
+    `row` holds their nominal ways, LOOSE for who goes on at its speed, `late_row` their worst cases. The room behind a leader is its x less `BACK`. It counts from where its x + `SHIFT` reaches `SINCE` (it has merged)
     until x reaches `UNTIL` (it has parted). `X` and `V` are for those without a row.
     """
 
     row: Ints
+    late_row: Ints
     number: Floats
 
 
@@ -93,10 +97,12 @@ def ways_of(rows: Rows) -> Ways:
 class Room(NamedTuple):
     """Where the m leaders of `ahead` let a vehicle go from `ago` control cycles before now, by `limit`.
 
-    `x`, `v` (rows, K) are their ways, nominal or the worst case if `late`, `first` (m,) the index of now on each.
+    `x`, `v` (rows, K) are their ways, nominal or the worst case if `late`; each has `row` (m,) there, in which `first`
+    is the index of now.
     """
 
     ahead: Ahead
+    row: Ints
     first: Ints
     x: Floats
     v: Floats
@@ -107,12 +113,12 @@ class Room(NamedTuple):
 @kernel
 def room_behind(ahead: Ahead, late: bool, cycle: int, ago: int, ways: Ways) -> Room:
     """The room behind leaders from `ago` control cycles before this one, in the worst case if `late`."""
-    first = np.zeros(ahead.row.shape[0], np.int64)
-    for m in range(ahead.row.shape[0]):
-        if ahead.row[m] >= 0:
-            first[m] = min(cycle - ago - ways.start[ahead.row[m]], ways.x.shape[1] - 1)
-    way_x, way_v = (ways.late_x, ways.late_v) if late else (ways.x, ways.v)
-    return Room(ahead, first, way_x, way_v, ago, late)
+    row, way_x, way_v = (ahead.late_row, ways.late_x, ways.late_v) if late else (ahead.row, ways.x, ways.v)
+    first = np.zeros(row.shape[0], np.int64)
+    for m in range(row.shape[0]):
+        if row[m] >= 0:
+            first[m] = min(cycle - ago - ways.start[row[m]], ways.x.shape[1] - 1)
+    return Room(ahead, row, first, way_x, way_v, ago, late)
 
 
 @inlined
@@ -124,7 +130,7 @@ def limit(m: int, k: int, room: Room) -> tuple[float, float]:
     unbroken platoon, until a vehicle stops in the conflict zone for nothing. Worst cases may stand still: they are
     brought up to date every control cycle.
     """
-    row, number = room.ahead.row[m], room.ahead.number[m]
+    row, number = room.row[m], room.ahead.number[m]
     if row >= 0:
         step, last = room.first[m] + k, room.x.shape[1] - 1
         at = min(max(step, 0), last)
@@ -148,16 +154,15 @@ def limit(m: int, k: int, room: Room) -> tuple[float, float]:
 @kernel
 def room_of(x: Floats, v: Floats, b: float, back: float, since: float) -> Room:
     """The room behind one leader alone, on the way x, v (K,) in its worst case, from where its front is at `since`."""
-    ahead = nobody(1)
-    ahead.row[0] = 0
+    ahead, first = nobody(1), np.zeros(1, np.int64)
     ahead.number[0, B], ahead.number[0, BACK], ahead.number[0, SINCE] = b, back, since
-    return Room(ahead, np.zeros(1, np.int64), x.copy().reshape((1, -1)), v.copy().reshape((1, -1)), 0, True)
+    return Room(ahead, first, first, x.copy().reshape((1, -1)), v.copy().reshape((1, -1)), 0, True)
 
 
 @kernel
 def nobody(count: int) -> Ahead:
     """Places for `count` leaders, none of which counts yet."""
-    ahead = Ahead(np.full(count, LOOSE), np.zeros((count, 7)))
+    ahead = Ahead(np.full(count, LOOSE), np.full(count, LOOSE), np.zeros((count, 7)))
     ahead.number[:, X], ahead.number[:, B] = NEVER, 1.0
     ahead.number[:, SINCE], ahead.number[:, UNTIL] = -NEVER, 2.0 * NEVER
     return ahead
@@ -166,7 +171,9 @@ def nobody(count: int) -> Ahead:
 @kernel
 def _place(m: int, j: int, scene: Scene, ahead: Ahead) -> None:
     """Put vehicle j in place m."""
-    ahead.row[m] = scene.way[j]
+    ahead.late_row[m] = scene.way[j]
+    if not scene.exiting[j]:
+        ahead.row[m] = scene.way[j]
     ahead.number[m, X], ahead.number[m, V], ahead.number[m, B] = scene.x[j], scene.v[j], scene.b[j]
 
 
@@ -201,11 +208,11 @@ def ahead_of(i: int, scene: Scene) -> Ahead:
         if j >= 0:
             _place(m, j, scene, ahead)
             if scene.asked[j]:
-                ahead.row[m] = LOOSE  # it may wait at the line instead
+                ahead.row[m] = ahead.late_row[m] = LOOSE  # it may wait at the line instead
             number[m, BACK] = scene.span[j] + motion.REAR_GAP_M
             number[m, UNTIL] = scene.span[j] + scene.apart[scene.movement[i], scene.movement[j]]
             m += 1
-    return Ahead(ahead.row[:m], number[:m])
+    return Ahead(ahead.row[:m], ahead.late_row[:m], number[:m])
 
 
 @kernel

@@ -20,8 +20,8 @@ from gameopt_wire.messages import STEP_S
 def scene_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, law: Exit) -> Scene:
     """The scene of a snapshot. Exit ways are driven in the book's spare rows, from the last one down.
 
-    Nominally exiting vehicles go on. They are commanded from here, so in the worst case they brake as rule 2 and the
-    exit law make them, the first of them for a vehicle that may stand just out of sight.
+    Exiting vehicles are commanded from here, so in the worst case they brake as rule 2 and the exit law make them, the
+    first of them for a vehicle that may stand just out of sight.
     """
     ago = np.rint(snapshot.age / STEP_S).astype(np.int64)
     book.make_room(2 * len(snapshot))  # whoever exits now, and whoever is granted a clearance after this
@@ -67,16 +67,11 @@ def scene_of(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, law
 @kernel
 def drive_exits(exiting: Ints, scene: Scene, ways: Ways) -> None:
     """Fill in the ways of the vehicles `exiting`, front to back, and say in the scene who has which."""
-    steps = ways.x.shape[1]
     for n in range(exiting.shape[0]):
         i, row = exiting[n], ways.start.shape[0] - 1 - n
-        x0, v0 = scene.x[i], scene.v[i]
         ways.start[row] = scene.cycle
-        for k in range(steps):
-            ways.x[row, k] = x0 + v0 * (k * STEP_S)
-            ways.v[row, k] = v0
         held_back(
-            x0, v0, ways.v[row], 0, (scene.length[i], scene.a[i], scene.b[i]), -NEVER, law_of(i, scene),
+            scene.x[i], scene.v[i], ways.v[row], 0, (scene.length[i], scene.a[i], scene.b[i]), -NEVER, law_of(i, scene),
             room_behind(ahead_on_exit(i, scene), True, scene.cycle, 0, ways), ways.late_x[row], ways.late_v[row],
         )  # fmt: skip
         scene.way[i], scene.exiting[i] = row, True

@@ -9,21 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from gameopt_im.tracked import Tracked
-from gameopt_wire.messages import State
+from gameopt_im.core.snapshot import NONE
+from gameopt_im.tracked import Said, Tracked
 from gameopt_wire.motion import could_stop
 
 ENDLESS = 3
 """Nobody at all is taken in beyond so many times as many: no junction has so many that cannot stop."""
 
 
-def can_wait(state: State) -> bool:
+def can_wait(said: Said) -> bool:
     """Whether a vehicle follows no clearance and could come to a stand before its line."""
-    return state.accepted is None and could_stop(state.distance_m, state.speed_mps, state.max_decel_mps2)
+    return said.accepted == NONE and could_stop(said.s, said.v, said.b_max)
 
 
 def refused(newcomers: Iterable[Tracked], excess: int) -> set[str]:
     """The ids of up to `excess` newcomers that can wait: those farthest from their lines."""
-    waiting = [each.state for each in newcomers if can_wait(each.state)]
-    waiting.sort(key=lambda state: (-state.distance_m, state.vehicle))
-    return {state.vehicle for state in waiting[:excess]}
+    waiting = [(-each.last.s, each.name) for each in newcomers if can_wait(each.last)]
+    return {name for _, name in sorted(waiting)[:excess]}

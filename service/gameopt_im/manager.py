@@ -145,7 +145,7 @@ class Manager:
         report = self._report(snapshot, picture, concluded, winner, proposal.count, len(commands), elapsed_ms)
         self._log(settled, picture, snapshot)
         self.sight = Sight(
-            snapshot, limits.phase, self._book, who, proposal, results, winner, concluded, self._tracker.last_state
+            snapshot, limits.phase, self._book, who, proposal, results, winner, concluded, self._tracker.vehicle
         )
         return Outcome(commands, report, ledger, decided_s)
 

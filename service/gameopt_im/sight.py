@@ -12,11 +12,11 @@ from gameopt_im.core.snapshot import Ints, Snapshot
 from gameopt_im.solver.horizon_job import HorizonOutcome
 from gameopt_im.solver.jobs import Outcome
 from gameopt_im.strategy import Proposal
-from gameopt_wire.messages import State
+from gameopt_im.tracked import Tracked
 
 
 class Sight(NamedTuple):
-    """One control cycle, to be read before the next one begins: the book changes, and `state_of` follows the tracker.
+    """One control cycle, to be read before the next one begins: the book changes, and `tracked` asks the tracker.
 
     `phase` (n,) is the interlock's of each vehicle of the snapshot; `results` are in the order of the candidates,
     None for a program that was not solved.
@@ -30,4 +30,4 @@ class Sight(NamedTuple):
     results: Sequence[Outcome | HorizonOutcome | None]
     winner: Winner | None
     concluded: Conclusion
-    state_of: Callable[[str], State | None]
+    tracked: Callable[[str], Tracked | None]

@@ -6,6 +6,7 @@ import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -20,12 +21,14 @@ from gameopt_wire.messages import State
 
 
 class Heard(NamedTuple):
-    """What is known of n vehicles as numbers, by the names of `Snapshot`; `time` is that of their states."""
+    """What is known of n vehicles as numbers, by the names of `Snapshot`; `time` is that of their states.
+
+    First what a state says anew every time, then what is known besides; of either first the reals, then the integers.
+    """
 
     time: Floats
     s: Floats
     v: Floats
-    length: Floats
     a_max: Floats
     b_max: Floats
     v_max: Floats
@@ -33,6 +36,9 @@ class Heard(NamedTuple):
     stranger_x: Floats
     stranger_v: Floats
     stranger_b: Floats
+    accepted: Ints
+    fallback: Ints
+    length: Floats
     entered: Floats
     setback: Floats
     assertiveness: Floats
@@ -40,8 +46,6 @@ class Heard(NamedTuple):
     variation_priority: Floats
     movement: Ints
     footprint: Ints
-    accepted: Ints
-    fallback: Ints
     vanished: Ints
 
     def only(self, kept: Bools) -> Heard:
@@ -49,20 +53,38 @@ class Heard(NamedTuple):
         return Heard._make(column[kept] for column in self)
 
 
-REALS = Heard._fields.index("movement")
-_PACK = struct.Struct(f"={REALS}d{len(Heard._fields) - REALS}q").pack
+SAID, KNOWN = struct.Struct("=10d2q"), struct.Struct("=6d3q")
+FIELDS = len(Heard._fields)
+
+
+class Body(NamedTuple):
+    """What a clearance is given for: it may not change while one is held."""
+
+    movement: str
+    length_m: float
+    width_m: float
+    vehicle_class: str
+
+
+@lru_cache(1024)
+def shared(body: Body) -> Body:
+    """The same body, one object for all vehicles alike: what many are compared with stays near the processor."""
+    return body
 
 
 @dataclass(slots=True)
 class Tracked:
-    """A vehicle's latest state, and what was looked up once for it.
+    """What was last heard of a vehicle, and what was looked up once for it.
 
     `setback_m` is how far short of the line it keeps while it waits. `vanished` says that its liveliness token has
-    gone since its last state. `record` is all that as a row of `Heard`, made when a message comes, so that a control
-    cycle only has to join them; `note` renews it after a change.
+    gone since its last state. `said` and `known` are its row of `Heard`, so that a control cycle only has to join them:
+    `hear` makes the one of a state, `note` renews the other after a change. The state itself is not kept. One that is
+    let go at once leaves its memory to the next; hundreds that are kept for a control cycle have left the processor's
+    cache by then, and are slow to replace.
     """
 
-    state: State
+    name: str
+    body: Body
     entered_s: float
     movement: int
     footprint: int
@@ -70,38 +92,67 @@ class Tracked:
     priority: Priority
     setback_m: float = 0.0
     vanished: bool = False
-    record: bytes = b""
+    time_s: float = 0.0
+    said: bytes = b""
+    known: bytes = b""
 
-    def note(self, term: int) -> None:
-        """Renew the record; `term` is the manager's own: an id of another is not in its books, though it may be."""
-        state, stranger = self.state, self.state.stranger
+    def hear(self, state: State, term: int) -> None:
+        """Take in a state; `term` is the manager's own: an id of another is not in its books, though it may be."""
         accepted = NONE if state.accepted is None else state.accepted if state.term == term else FOREIGN
-        behind = (NEVER, 0.0, 1.0)
-        if stranger is not None:
-            behind = (stranger.gap_m - state.distance_m, stranger.speed_mps, stranger.decel_mps2)
-        self.record = _PACK(
-            state.time_s, state.distance_m, state.speed_mps, state.length_m, state.max_accel_mps2,
-            state.max_decel_mps2, state.max_speed_mps, math.inf if state.leader_gap_m is None else state.leader_gap_m,
-            *behind, self.entered_s, self.setback_m, *self.priority,
-            self.movement, self.footprint, accepted, state.fallback, self.vanished,
+        stranger_x, stranger_v, stranger_b = NEVER, 0.0, 1.0
+        if state.stranger is not None:
+            stranger = state.stranger
+            stranger_x, stranger_v, stranger_b = (
+                stranger.gap_m - state.distance_m,
+                stranger.speed_mps,
+                stranger.decel_mps2,
+            )
+        self.time_s = state.time_s
+        self.said = SAID.pack(
+            state.time_s, state.distance_m, state.speed_mps, state.max_accel_mps2, state.max_decel_mps2,
+            state.max_speed_mps, math.inf if state.leader_gap_m is None else state.leader_gap_m,
+            stranger_x, stranger_v, stranger_b, accepted, state.fallback,
+        )  # fmt: skip
+        if self.vanished:
+            self.vanished = False
+            self.note()
+
+    def note(self) -> None:
+        """Renew what is known besides its states."""
+        self.known = KNOWN.pack(
+            self.body.length_m, self.entered_s, self.setback_m, *self.priority,
+            self.movement, self.footprint, self.vanished,
         )  # fmt: skip
 
+    @property
+    def last(self) -> Said:
+        """What its last state said."""
+        return Said._make(SAID.unpack(self.said))
 
-def same_body(one: State, other: State) -> bool:
-    """Movement, length, width and class: what a clearance is given for; they may not change while it is held."""
-    return (
-        one.length_m == other.length_m
-        and one.width_m == other.width_m
-        and one.movement == other.movement
-        and one.vehicle_class == other.vehicle_class
-    )
+
+class Said(NamedTuple):
+    """What a state says, by the names of `Heard`."""
+
+    time: float
+    s: float
+    v: float
+    a_max: float
+    b_max: float
+    v_max: float
+    gap: float
+    stranger_x: float
+    stranger_v: float
+    stranger_b: float
+    accepted: int
+    fallback: int
 
 
 def heard_of(present: Sequence[Tracked]) -> Heard:
-    """The records of vehicles, in their order, by columns."""
-    joined = b"".join([vehicle.record for vehicle in present])
-    table = np.frombuffer(joined).reshape(len(present), len(Heard._fields)).T.copy()
-    return Heard(*table[:REALS], *table[REALS:].view(np.int64))
+    """The rows of vehicles, in their order, by columns."""
+    joined = b"".join([part for vehicle in present for part in (vehicle.said, vehicle.known)])
+    table = np.frombuffer(joined).reshape(len(present), FIELDS).T.copy()
+    whole = table.view(np.int64)
+    return Heard(*table[:10], *whole[10:12], *table[12:18], *whole[18:])
 
 
 def picture(

@@ -26,10 +26,10 @@ from gameopt_im.admission import ENDLESS, refused
 from gameopt_im.core.bids import assign, class_bounds
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.parameters import Parameters
-from gameopt_im.core.snapshot import Bools, Ints, Snapshot
+from gameopt_im.core.snapshot import NONE, Bools, Ints, Snapshot
 from gameopt_im.core.tracking import LEFT, LOST, STALE, STAYS, Patience, fates, has_left
 from gameopt_im.inbox import Raw, within
-from gameopt_im.tracked import Heard, Tracked, heard_of, picture, same_body
+from gameopt_im.tracked import Body, Heard, Tracked, heard_of, picture, shared
 from gameopt_wire import codec, keys
 from gameopt_wire.intersection import IntersectionMap
 from gameopt_wire.messages import STEP_S, Bid, Clock, State
@@ -98,8 +98,8 @@ class Tracker:
         """Who has a clearance, offered or accepted: they may not change their body. To be brought up to date once a
         control cycle has granted."""
         self._bids: dict[str, Bid] = {}
-        self._gone: dict[str, State] = {}
-        """The last state of vehicles dropped a moment ago: a copy that comes late is no new arrival."""
+        self._gone: dict[str, float] = {}
+        """When vehicles dropped a moment ago were last heard: a copy of a state that comes late is no new arrival."""
         self._events: list[Event] = []
 
     def reset(self) -> None:
@@ -126,7 +126,7 @@ class Tracker:
             except codec.Rejected as rejected:
                 self._count(rejected.reason)
                 continue
-            if message.vehicle != keys.vehicle_of(raw.key):
+            if not keys.is_of(raw.key, message.vehicle):
                 self._count("key")
             elif isinstance(message, State):
                 self.ingest_state(message, now_s)
@@ -136,17 +136,17 @@ class Tracker:
     def ingest_state(self, state: State, now_s: float) -> Reason | None:
         """Takes a state in; the reason where it is not taken."""
         known = self._vehicles.get(state.vehicle)
-        if known is not None and same_body(known.state, state):
-            reason = self._misplaced(state, known.movement, now_s) or _outdated(known.state, state)
+        body = (state.movement, state.length_m, state.width_m, state.vehicle_class)
+        if known is not None and known.body == body:
+            reason = self._misplaced(state, known.movement, now_s) or _outdated(known.time_s, state)
             if reason is None:
-                known.state, known.vanished = state, False
-                known.note(self._term)
+                known.hear(state, self._term)
             return self._count(reason)
         movement = self._movements.get(state.movement)
         if movement is None:
             return self._count("unknown_movement")
-        last = known.state if known else self._gone.get(state.vehicle)
-        reason = self._misplaced(state, movement, now_s) or self._uncovered(state) or _outdated(last, state)
+        last_s = known.time_s if known else self._gone.get(state.vehicle)
+        reason = self._misplaced(state, movement, now_s) or self._uncovered(state) or _outdated(last_s, state)
         if reason is None and known and self._holds_clearance(known):
             reason = "changed"
         if reason is None and known is None and len(self._vehicles) >= ENDLESS * self._parameters.service.max_vehicles:
@@ -158,7 +158,7 @@ class Tracker:
     def ingest_bid(self, bid: Bid, now_s: float) -> Reason | None:
         """Takes a bid in; it may come before its vehicle's first state. The reason where it is not taken."""
         known = self._bids.get(bid.vehicle)
-        reason = self._wrong_time(bid.time_s, now_s) or _outdated(known, bid)
+        reason = self._wrong_time(bid.time_s, now_s) or _outdated(known.time_s if known else None, bid)
         stranger = known is None and bid.vehicle not in self._vehicles
         if reason is None and stranger and len(self._bids) >= self._parameters.service.max_vehicles:
             reason = "overload"
@@ -168,7 +168,7 @@ class Tracker:
             vehicle = self._vehicles.get(bid.vehicle)
             if vehicle is not None and (known is None or known.assertiveness != bid.assertiveness):
                 vehicle.priority = assign(vehicle.bounds, bid.assertiveness)
-                vehicle.note(self._term)
+                vehicle.note()
         return self._count(reason)
 
     def vanish(self, vehicle: str) -> None:
@@ -179,12 +179,11 @@ class Tracker:
         known = self._vehicles.get(vehicle)
         if known is not None and self._clock == "wall":
             known.vanished = True
-            known.note(self._term)
+            known.note()
 
-    def last_state(self, vehicle: str) -> State | None:
-        """The last state heard of a vehicle, not predicted; None for one that is not tracked."""
-        known = self._vehicles.get(vehicle)
-        return known.state if known else None
+    def vehicle(self, name: str) -> Tracked | None:
+        """What was last heard of a vehicle, not predicted; None for one that is not tracked."""
+        return self._vehicles.get(name)
 
     def take_events(self) -> list[Event]:
         """Who came and went since the last call."""
@@ -199,7 +198,7 @@ class Tracker:
         self.reserved = reserved
         self._refuse()
         present = self._ordered
-        ids = tuple([vehicle.state.vehicle for vehicle in present])
+        ids = tuple([vehicle.name for vehicle in present])
         heard = heard_of(present)
         held = np.array([*map(reserved.__contains__, ids)], dtype=np.bool_)
         become = self._fates(heard, held, time_s)
@@ -208,7 +207,7 @@ class Tracker:
                 if fate != STAYS:
                     self._drop(vehicle, FATES[fate], time_s)
             heard, held = heard.only(become == STAYS), held[become == STAYS]
-            ids = tuple([vehicle.state.vehicle for vehicle in self._ordered])
+            ids = tuple([vehicle.name for vehicle in self._ordered])
         self._forget(time_s)
         self.fallbacks = int(np.count_nonzero(heard.fallback))
         silent_s = SILENT_CYCLES[self._clock] * STEP_S
@@ -227,21 +226,21 @@ class Tracker:
         self._events = [event for event in self._events if event.kind != "entered" or event.vehicle not in names]
 
     def _add(self, vehicle: Tracked) -> None:
-        self._vehicles[vehicle.state.vehicle] = vehicle
-        insort(self._ordered, vehicle, key=lambda each: (each.entered_s, each.state.vehicle))
+        self._vehicles[vehicle.name] = vehicle
+        insort(self._ordered, vehicle, key=lambda each: (each.entered_s, each.name))
 
     def _remove(self, name: str) -> None:
         vehicle = self._vehicles.pop(name)
         self._ordered = [each for each in self._ordered if each is not vehicle]
 
     def _holds_clearance(self, vehicle: Tracked) -> bool:
-        return vehicle.state.vehicle in self.reserved or vehicle.state.accepted is not None
+        return vehicle.name in self.reserved or vehicle.last.accepted != NONE
 
     def _drop(self, vehicle: Tracked, fate: EventKind, time_s: float) -> None:
-        name = vehicle.state.vehicle
+        name = vehicle.name
         self._remove(name)
         self._bids.pop(name, None)
-        self._gone[name] = vehicle.state
+        self._gone[name] = vehicle.time_s
         self._tell(fate, vehicle, time_s)
 
     def _count(self, reason: Reason | None) -> Reason | None:
@@ -251,8 +250,7 @@ class Tracker:
         return reason
 
     def _tell(self, kind: EventKind, vehicle: Tracked, time_s: float) -> None:
-        state = vehicle.state
-        self._events.append(Event(kind, state.vehicle, time_s, vehicle.entered_s, state.time_s))
+        self._events.append(Event(kind, vehicle.name, time_s, vehicle.entered_s, vehicle.time_s))
 
     def _wrong_time(self, time_s: float, now_s: float) -> Reason | None:
         return None if -self._parameters.service.stale_s <= time_s - now_s <= FUTURE_S else "time"
@@ -271,7 +269,8 @@ class Tracker:
         bid = self._bids.get(state.vehicle)
         footprint = self._map.footprint_of(state.length_m, state.width_m)
         vehicle = Tracked(
-            state=state,
+            name=state.vehicle,
+            body=shared(Body(state.movement, state.length_m, state.width_m, state.vehicle_class)),
             entered_s=known.entered_s if known else state.time_s,
             movement=movement,
             footprint=footprint,
@@ -279,12 +278,13 @@ class Tracker:
             bounds=bounds,
             priority=assign(bounds, bid.assertiveness if bid else bounds.assertiveness[0]),
         )
+        vehicle.hear(state, self._term)
+        vehicle.note()
         if known is None:
             rear_m = -state.distance_m - state.length_m - self._ground.clear[movement]
             if has_left(rear_m, -state.distance_m, self._exit_end_m[movement], self._patience):
                 return  # it still speaks of the way behind the exit; that is nobody's entry
             self._tell("entered", vehicle, now_s)
-        vehicle.note(self._term)
         if known is not None:
             self._remove(state.vehicle)
         self._add(vehicle)
@@ -295,7 +295,7 @@ class Tracker:
         for name in self._bids.keys() - self._vehicles.keys():
             if self._bids[name].time_s < oldest_s:
                 del self._bids[name]
-        for name in [name for name, state in self._gone.items() if state.time_s < oldest_s]:
+        for name in [name for name, last_s in self._gone.items() if last_s < oldest_s]:
             del self._gone[name]
 
     def _fates(self, heard: Heard, held: Bools, time_s: float) -> Ints:
@@ -305,8 +305,8 @@ class Tracker:
         )  # fmt: skip
 
 
-def _outdated(known: State | Bid | None, new: State | Bid) -> Reason | None:
-    """The latest message of a vehicle wins."""
-    if known is None or new.time_s > known.time_s:
+def _outdated(last_s: float | None, new: State | Bid) -> Reason | None:
+    """The latest message of a vehicle wins; `last_s` is the time of the one before."""
+    if last_s is None or new.time_s > last_s:
         return None
-    return "duplicate" if new.time_s == known.time_s else "stale"
+    return "duplicate" if new.time_s == last_s else "stale"

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Literal
 from urllib.parse import quote, unquote
 
 ROOT = "gameopt"
-KEYS_KEPT = 4096
-"""Keys whose vehicle is remembered."""
 Stream = Literal["state", "bid", "command", "ledger"]
 
 
@@ -55,7 +52,11 @@ def alive(intersection: str, who: str) -> str:
     return f"{ROOT}/{encode(intersection)}/alive/{encode(who)}"
 
 
-@lru_cache(KEYS_KEPT)
 def vehicle_of(key: str) -> str:
-    """The vehicle id at the end of a per-vehicle key; vehicles speak under the same key ten times a second."""
+    """The vehicle id at the end of a per-vehicle key."""
     return decode(key.rsplit("/", 1)[-1])
+
+
+def is_of(key: str, vehicle: str) -> bool:
+    """Whether a per-vehicle key is this vehicle's; most names need no encoding."""
+    return (key.rpartition("/")[2] == vehicle and "%" not in vehicle) or vehicle_of(key) == vehicle

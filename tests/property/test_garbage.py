@@ -137,7 +137,7 @@ def test_garbage_is_counted_and_harms_nobody(clock: Clock, messages: list[Raw], 
 
     assert sound(snapshot)
     assert len(snapshot) <= ENDLESS * PARAMETERS.service.max_vehicles
-    waiting = [name for name in snapshot.ids if can_wait(tracker.last_state(name))]
+    waiting = [name for name in snapshot.ids if can_wait(tracker.vehicle(name).last)]
     assert len(waiting) <= PARAMETERS.service.max_vehicles
     row = snapshot.ids.index("witness")
     assert (snapshot.s[row], snapshot.v[row], snapshot.silent[row]) == (80.0, 10.0, False)

@@ -141,7 +141,7 @@ def test_a_frame_that_cannot_be_made_ends_the_watching_and_not_the_managing(show
         showing = Hub(OPTIONS, 1)
         outcome, sight = shown
         with showing.viewing() as viewer:
-            showing.cycle_done(outcome, sight._replace(state_of=None))  # type: ignore[arg-type]
+            showing.cycle_done(outcome, sight._replace(tracked=None))  # type: ignore[arg-type]
             assert await viewer.take() is None
 
     run(work)

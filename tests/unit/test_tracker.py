@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from tracking import LENGTH_M, ROADS, SERVICE, TERM, bid, fates, state, tracker
 
+from gameopt_im.core.snapshot import NONE
 from gameopt_im.inbox import Raw
 from gameopt_wire import codec, keys
 from gameopt_wire.messages import State
@@ -185,11 +186,15 @@ def test_vehicles_on_their_own_are_counted() -> None:
     assert vehicles.fallbacks == 1
 
 
-def test_the_last_state_is_there_for_the_asking() -> None:
-    vehicles = tracker()
-    vehicles.ingest_state(state(), 10.0)
-    assert vehicles.last_state("a") == state()
-    assert vehicles.last_state("b") is None
+def test_what_was_heard_last_is_there_for_the_asking() -> None:
+    vehicles, said = tracker(), state(fallback=True)
+    vehicles.ingest_state(said, 10.0)
+    known = vehicles.vehicle("a")
+    assert known is not None
+    assert known.body == (said.movement, said.length_m, said.width_m, said.vehicle_class)
+    assert (known.last.time, known.last.s, known.last.v) == (said.time_s, said.distance_m, said.speed_mps)
+    assert (known.last.accepted, known.last.fallback) == (NONE, True)
+    assert vehicles.vehicle("b") is None
 
 
 def test_after_a_reset_time_may_begin_anew() -> None:

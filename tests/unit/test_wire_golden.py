@@ -162,3 +162,10 @@ def test_any_name_makes_one_key_chunk_and_comes_back(name: str) -> None:
     assert key.count("/") == 3
     assert not set("*$#?") & set(key)
     assert keys.vehicle_of(key) == name
+    assert keys.is_of(key, name)
+    assert not keys.is_of(key + "x", name)
+
+
+@pytest.mark.parametrize(("chunk", "name"), [("%41", "%41"), ("a/b", "a/b"), ("b", "a/b"), ("A", "%41")])
+def test_a_key_is_of_the_name_it_decodes_to(chunk: str, name: str) -> None:
+    assert not keys.is_of(f"gameopt/main/state/{chunk}", name)

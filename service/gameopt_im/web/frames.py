@@ -172,14 +172,14 @@ def _cars(sight: Sight) -> list[Car]:
     for vehicle, movement, footprint, s, v, length, phase, turn, has_slot, slot, waited, silent in zip(
         snapshot.ids, *(column.tolist() for column in columns), strict=True
     ):
-        state, reservation = sight.state_of(vehicle), held.get(vehicle)
-        if state is None:
+        known, reservation = sight.tracked(vehicle), held.get(vehicle)
+        if known is None:
             continue  # never: who is in the snapshot is tracked until the next one
         price = round(reservation.price, 4) if reservation is not None else 0.0
         shown_s = slot if has_slot else None
         status = _status(phase, reservation)
-        body = state.vehicle_class, movement, footprint, s, v, length, state.width_m
-        cars.append(Car(vehicle, *body, status, turn, shown_s, waited, silent, state.fallback, price))
+        body = known.body.vehicle_class, movement, footprint, s, v, length, known.body.width_m
+        cars.append(Car(vehicle, *body, status, turn, shown_s, waited, silent, bool(known.last.fallback), price))
     return cars
 
 

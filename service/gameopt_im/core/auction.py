@@ -121,10 +121,22 @@ def _held(ranks: Ints, lines: Queues) -> Ints:
 
 @kernel
 def _merged(held: Ints, lines: Queues) -> Ints:
-    """(K, n) orders: by the rank each is held at; vehicles held by the same one keep their lane's order."""
-    orders = np.empty_like(held)
+    """(K, n) orders: by the rank each is held at; vehicles held by the same one keep their lane's order.
+
+    Ranks are small numbers, so they are counted instead of sorted.
+    """
+    n, orders = held.shape[1], np.empty_like(held)
     for k in range(held.shape[0]):
-        orders[k] = np.argsort(held[k] * lines.slots.shape[1] + lines.place, kind="mergesort")
+        turn = np.zeros(n + 1, np.int64)  # of the next vehicle that is held at each rank
+        for rank in held[k]:
+            turn[rank + 1] += 1
+        turn = np.cumsum(turn)
+        for row in range(lines.slots.shape[0]):
+            for i in lines.slots[row]:
+                if i == n:
+                    break
+                orders[k, turn[held[k, i]]] = i
+                turn[held[k, i]] += 1
     return orders
 
 

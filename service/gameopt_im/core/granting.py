@@ -50,10 +50,9 @@ def grant(
     given: list[Reservation] = []
     refused = 0
     stack = book.stack(snapshot.cycle)
-    for i in order:
+    may = (limits.phase == UNCLEARED) & asking & ~snapshot.silent & (book.rows_of(snapshot.ids) < 0)
+    for i in order[may[order]].tolist():
         vehicle = snapshot.ids[i]
-        if limits.phase[i] != UNCLEARED or not asking[i] or vehicle in book.held or snapshot.silent[i]:
-            continue
         if limits.unheard[i] or not _leader_cleared(snapshot, book, limits, i):
             continue
         made = crossing(snapshot, ground, stack, scene, ways_of(book.rows), i, float(slots[i]), parameters)

@@ -17,7 +17,7 @@ from gameopt_im.core.kinematics import NEVER, kernel, manner_of
 from gameopt_im.core.lanes import floors_behind, lane_by_lane, room_behind_leaders
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.reservations import Book, Stack, blocked_windows
-from gameopt_im.core.slots import Demand, Rules, weighted_delay
+from gameopt_im.core.slots import Demand, Rules, weighted_delays
 from gameopt_im.core.snapshot import Floats, Ints, Snapshot
 
 INCUMBENT = -1
@@ -110,7 +110,7 @@ def demand(
         movement=movement,
         footprint=footprint,
         lane=snapshot.lane[i],
-        queue=_queue(who.counts),
+        queue=_queue(np.array(who.counts, dtype=np.int64)),
         arrival=i,
         floor=_floors(snapshot, book, limits, who, parameters),
         windows=ground.windows,
@@ -118,13 +118,15 @@ def demand(
     )
 
 
-def _queue(counts: tuple[int, ...]) -> Ints:
+@kernel
+def _queue(counts: Ints) -> Ints:
     """(lanes, longest): the bidders' rows lane by lane, padded with -1."""
-    queue = np.full((len(counts), max(counts, default=0)), -1, dtype=np.int64)
-    start = 0
-    for lane, count in enumerate(counts):
-        queue[lane, :count] = np.arange(start, start + count)
-        start += count
+    queue = np.full((counts.shape[0], counts.max() if counts.shape[0] else 0), -1, np.int64)
+    row = 0
+    for lane in range(counts.shape[0]):
+        for place in range(counts[lane]):
+            queue[lane, place] = row
+            row += 1
     return queue
 
 
@@ -172,15 +174,23 @@ def candidates(
     if not len(who):
         return []
     planner = parameters.planner
-    overdue = np.maximum(0.0, waited - planner.patience_s)
-    impatience = np.resize(planner.impatience, len(who.bids))
-    seconds = parameters.auction.bid_seconds * who.bids + impatience[:, None] * overdue
+    seconds = _in_seconds(who.bids, parameters.auction.bid_seconds, waited, planner.patience_s, planner.impatience)
     given = by_lane(np.array(incumbent, dtype=np.int64), np.array(who.counts, dtype=np.int64))
     orders, slots, lines = _schedules(problem, seconds, given, parameters)
-    late = np.maximum(0.0, waited + slots - planner.patience_s)
-    delays = weighted_delay(problem, slots, priority) + planner.starvation_weight * np.sum(late**2, axis=1)
+    delays = weighted_delays(problem, slots, priority, waited, planner.patience_s, planner.starvation_weight).tolist()
     first = {order.tobytes(): k for k, order in reversed(list(enumerate(orders))) if k or planner.incumbent}
-    return [Candidate(k - 1, orders[k], slots[k], lines[k], float(delays[k])) for k in sorted(first.values())]
+    return [Candidate(k - 1, orders[k], slots[k], lines[k], delays[k]) for k in sorted(first.values())]
+
+
+@kernel
+def _in_seconds(bids: Floats, worth_s: float, waited: Floats, patience_s: float, impatience: tuple[float, ...]) -> Floats:
+    """(K, n) bids times what they are worth, s, raised by each one's impatience times what was waited beyond patience."""
+    seconds = np.empty_like(bids)
+    for k in range(bids.shape[0]):
+        for i in range(bids.shape[1]):
+            overdue = max(0.0, waited[i] - patience_s)
+            seconds[k, i] = worth_s * bids[k, i] + impatience[k % len(impatience)] * overdue
+    return seconds
 
 
 def _schedules(problem: Demand, seconds: Floats, given: Ints, parameters: Parameters) -> tuple[Ints, Floats, Floats]:

@@ -117,11 +117,13 @@ class Book:
     rows: Rows = field(default_factory=lambda: _rows(64))
     _asked: tuple[tuple[str, ...], Ints] | None = None
     """Whose rows were asked for last, and they; None since rows changed hands."""
+    _stack: tuple[int, Stack] | None = None
+    """The control cycle from which the rows were seen last, and how; None since rows changed hands."""
 
     def add(self, reservation: Reservation) -> None:
         """Enter a reservation; its windows have been checked against every other in the book."""
         self.make_room(1)
-        self._asked = None
+        self._asked = self._stack = None
         row = self.row.setdefault(reservation.vehicle, len(self.row))
         for name in Rows._fields:
             getattr(self.rows, name)[row] = getattr(reservation, name)
@@ -133,7 +135,7 @@ class Book:
             grown = _rows(2 * len(self.rows.start))
             for old, new in zip(self.rows, grown, strict=True):
                 new[: len(old)] = old
-            self.rows = grown
+            self.rows, self._stack = grown, None
             self.held = {vehicle: self._viewing(each, self.row[vehicle]) for vehicle, each in self.held.items()}
 
     def _viewing(self, reservation: Reservation, row: int) -> Reservation:
@@ -163,7 +165,7 @@ class Book:
 
     def free(self, vehicle: str) -> Reservation:
         """Give the ground back. The last row moves into the one that is free now."""
-        self._asked = None
+        self._asked = self._stack = None
         last, hole = len(self.row) - 1, self.row.pop(vehicle)
         if hole != last:
             moved = next(each for each, row in self.row.items() if row == last)
@@ -179,11 +181,12 @@ class Book:
 
     def stack(self, cycle: int) -> Stack:
         """The arrays of all reservations, as seen from a control cycle."""
-        rows, used = self.rows, len(self.row)
-        first = np.minimum(np.maximum(cycle - rows.start[:used], 0), HORIZON - 1)
-        return Stack(
-            rows.x[:used], rows.late_x[:used], first, rows.movement[:used], rows.footprint[:used], rows.length[:used]
-        )
+        if self._stack is None or self._stack[0] != cycle:
+            rows, used = self.rows, len(self.row)
+            first = np.minimum(np.maximum(cycle - rows.start[:used], 0), HORIZON - 1)
+            arrays = (rows.x, rows.late_x, first, rows.movement, rows.footprint, rows.length)
+            self._stack = cycle, Stack._make(array[:used] for array in arrays)
+        return self._stack[1]
 
 
 @kernel

@@ -259,6 +259,19 @@ def hold(car: Car, exit_m: float, line: float) -> float:
     return float(time_past_line(exit_m + car.length, line, car.a, car.cross_top))
 
 
-def weighted_delay(demand: Demand, slots: Floats, priority: Floats) -> Floats:
-    """(C,) predicted weighted delay sum Ps (T - s / v_max) of slots (C, n), s."""
-    return np.asarray(np.sum(priority * (slots - demand.s / demand.top), axis=1))
+@kernel
+def weighted_delays(
+    demand: Demand, slots: Floats, priority: Floats, waited: Floats, patience_s: float, starvation_weight: float
+) -> Floats:
+    """(C,) predicted weighted delay sum Ps (T - s / v_max) of slots (C, n), s.
+
+    Added to it, by its weight, is the sum of the squares of what each will have `waited` (n,) in s beyond patience.
+    """
+    delays = np.zeros(slots.shape[0])
+    for c in range(slots.shape[0]):
+        starving = 0.0
+        for i in range(slots.shape[1]):
+            delays[c] += priority[i] * (slots[c, i] - demand.s[i] / demand.top[i])
+            starving += max(0.0, waited[i] + slots[c, i] - patience_s) ** 2
+        delays[c] += starvation_weight * starving
+    return delays

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -77,8 +77,8 @@ class Tracked:
     """What was last heard of a vehicle, and what was looked up once for it.
 
     `setback_m` is how far short of the line it keeps while it waits. `vanished` says that its liveliness token has
-    gone since its last state. `said` and `known` are its row of `Heard`, so that a control cycle only has to join them:
-    `hear` makes the one of a state, `note` renews the other after a change. The state itself is not kept. One that is
+    gone since its last state. `record` is its row of `Heard`, so that a control cycle only has to join them: `hear`
+    writes what a state says, `note` what is known besides after a change. The state itself is not kept. One that is
     let go at once leaves its memory to the next; hundreds that are kept for a control cycle have left the processor's
     cache by then, and are slow to replace.
     """
@@ -93,8 +93,7 @@ class Tracked:
     setback_m: float = 0.0
     vanished: bool = False
     time_s: float = 0.0
-    said: bytes = b""
-    known: bytes = b""
+    record: bytearray = field(default_factory=lambda: bytearray(SAID.size + KNOWN.size))
 
     def hear(self, state: State, term: int) -> None:
         """Take in a state; `term` is the manager's own: an id of another is not in its books, though it may be."""
@@ -108,8 +107,8 @@ class Tracked:
                 stranger.decel_mps2,
             )
         self.time_s = state.time_s
-        self.said = SAID.pack(
-            state.time_s, state.distance_m, state.speed_mps, state.max_accel_mps2, state.max_decel_mps2,
+        SAID.pack_into(
+            self.record, 0, state.time_s, state.distance_m, state.speed_mps, state.max_accel_mps2, state.max_decel_mps2,
             state.max_speed_mps, math.inf if state.leader_gap_m is None else state.leader_gap_m,
             stranger_x, stranger_v, stranger_b, accepted, state.fallback,
         )  # fmt: skip
@@ -119,15 +118,15 @@ class Tracked:
 
     def note(self) -> None:
         """Renew what is known besides its states."""
-        self.known = KNOWN.pack(
-            self.body.length_m, self.entered_s, self.setback_m, *self.priority,
+        KNOWN.pack_into(
+            self.record, SAID.size, self.body.length_m, self.entered_s, self.setback_m, *self.priority,
             self.movement, self.footprint, self.vanished,
         )  # fmt: skip
 
     @property
     def last(self) -> Said:
         """What its last state said."""
-        return Said._make(SAID.unpack(self.said))
+        return Said._make(SAID.unpack_from(self.record))
 
 
 class Said(NamedTuple):
@@ -149,7 +148,7 @@ class Said(NamedTuple):
 
 def heard_of(present: Sequence[Tracked]) -> Heard:
     """The rows of vehicles, in their order, by columns."""
-    joined = b"".join([part for vehicle in present for part in (vehicle.said, vehicle.known)])
+    joined = b"".join([vehicle.record for vehicle in present])
     table = np.frombuffer(joined).reshape(len(present), FIELDS).T.copy()
     whole = table.view(np.int64)
     return Heard(*table[:10], *whole[10:12], *table[12:18], *whole[18:])

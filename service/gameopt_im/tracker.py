@@ -94,6 +94,8 @@ class Tracker:
         self._vehicles: dict[str, Tracked] = {}
         self._ordered: list[Tracked] = []
         """The same by zone entry, then id."""
+        self._ids: tuple[str, ...] | None = ()
+        """Their ids, one tuple for as long as nobody comes or goes; None since somebody did."""
         self.reserved: Collection[str] = _NOBODY
         """Who has a clearance, offered or accepted: they may not change their body. To be brought up to date once a
         control cycle has granted."""
@@ -106,6 +108,7 @@ class Tracker:
         """Forgets every vehicle without a word, as when lock-step time begins anew; counters go on."""
         self._vehicles.clear()
         self._ordered.clear()
+        self._ids = ()
         self.reserved = _NOBODY
         self._bids.clear()
         self._gone.clear()
@@ -198,7 +201,7 @@ class Tracker:
         self.reserved = reserved
         self._refuse()
         present = self._ordered
-        ids = tuple([vehicle.name for vehicle in present])
+        ids = self._names()
         heard = heard_of(present)
         held = np.array([*map(reserved.__contains__, ids)], dtype=np.bool_)
         become = self._fates(heard, held, time_s)
@@ -207,7 +210,7 @@ class Tracker:
                 if fate != STAYS:
                     self._drop(vehicle, FATES[fate], time_s)
             heard, held = heard.only(become == STAYS), held[become == STAYS]
-            ids = tuple([vehicle.name for vehicle in self._ordered])
+            ids = self._names()
         self._forget(time_s)
         self.fallbacks = int(np.count_nonzero(heard.fallback))
         silent_s = SILENT_CYCLES[self._clock] * STEP_S
@@ -225,11 +228,18 @@ class Tracker:
             self.rejected["overload"] += 1
         self._events = [event for event in self._events if event.kind != "entered" or event.vehicle not in names]
 
+    def _names(self) -> tuple[str, ...]:
+        if self._ids is None:
+            self._ids = tuple([vehicle.name for vehicle in self._ordered])
+        return self._ids
+
     def _add(self, vehicle: Tracked) -> None:
+        self._ids = None
         self._vehicles[vehicle.name] = vehicle
         insort(self._ordered, vehicle, key=lambda each: (each.entered_s, each.name))
 
     def _remove(self, name: str) -> None:
+        self._ids = None
         vehicle = self._vehicles.pop(name)
         self._ordered = [each for each in self._ordered if each is not vehicle]
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gameopt_im.core.kinematics import NEVER, Manner, approach, approach_speed, kernel
+from gameopt_im.core.kinematics import NEVER, Manner, approach, approach_speed, has_to_go, kernel, waiting_speed
 from gameopt_im.core.snapshot import Bools, Floats
 from gameopt_wire import motion
 from gameopt_wire.messages import STEP_S
@@ -34,36 +34,59 @@ def reference(
 ) -> tuple[Floats, Floats, Floats]:
     """(speeds at block ends (n, H), line speed (n,), first rate (n,)) of each vehicle driving the approach law."""
     n, h = s.shape[0], blocks.shape[0]
+    ends = np.cumsum(np.round(blocks / STEP_S)).astype(np.int64)
+    room, speed = np.empty(ends[-1] + 1), np.empty(ends[-1] + 1)
     out, line, first = np.empty((n, h)), np.empty(n), np.empty(n)
     for i in range(n):
         plan = approach(s[i], v[i], slot[i], a[i], b[i], top[i], cap[i], manner)
         line[i], first[i] = plan[2], plan[1]
         turn_b = min(motion.TURN_DECEL_MPS2, b[i])
-        room, speed, k = s[i], v[i], 0
-        for j in range(h):
-            for _ in range(round(blocks[j] / STEP_S)):
-                if room > 0.0:
-                    u = approach_speed(
-                        room,
-                        speed,
-                        slot[i] - k * STEP_S,
-                        plan[0],
-                        plan[1],
-                        a[i],
-                        top[i],
-                        cap[i],
-                        turn_b,
-                        STEP_S,
-                    )
-                    u = min(u, motion.turn_speed(room, speed, b[i], STEP_S, cap[i]))
-                else:
-                    u = min(cap[i], speed + a[i] * STEP_S)
-                u = max(0.0, u, speed - b[i] * STEP_S)
-                room -= 0.5 * STEP_S * (speed + u)
-                speed = u
-                k += 1
-            out[i, j] = speed
+        room[0], speed[0] = s[i], v[i]
+        went = _wait(room, speed, slot[i], plan[0], plan[1], a[i], b[i], top[i], cap[i])
+        for k in range(went, ends[-1]):
+            if room[k] > 0.0:
+                to_go = slot[i] - k * STEP_S
+                u = approach_speed(room[k], speed[k], to_go, plan[0], plan[1], a[i], top[i], cap[i], turn_b, STEP_S)
+            else:
+                u = min(cap[i], speed[k] + a[i] * STEP_S)
+            _step(k, u, b[i], cap[i], room, speed)
+        for block in range(h):
+            out[i, block] = speed[ends[block]]
     return out, line, first
+
+
+@kernel
+def _wait(
+    room: Floats, speed: Floats, slot: float, h: float, rate: float, a: float, b: float, top: float, cap: float
+) -> int:
+    """Drive by a plan as long as it waits, filling in both arrays; the step from which it may have to go full ahead.
+
+    Whoever has to go has to ever after, if it does not: so that step is looked for by halves instead of at every one.
+    """
+    turn_b, last = min(motion.TURN_DECEL_MPS2, b), room.shape[0] - 1
+    for k in range(last):
+        if room[k] <= 0.0:
+            last = k
+            break
+        _step(k, waiting_speed(speed[k], h, rate, a, turn_b, STEP_S), b, cap, room, speed)
+    first = 0
+    while first < last:
+        middle = (first + last) // 2
+        if has_to_go(room[middle], speed[middle], slot - middle * STEP_S, a, top, cap, turn_b, STEP_S):
+            last = middle
+        else:
+            first = middle + 1
+    return first
+
+
+@kernel
+def _step(k: int, u: float, b: float, cap: float, room: Floats, speed: Floats) -> None:
+    """From step k on to the next one at the speed u, or what rule 3 and the brakes allow."""
+    if u > cap and room[k] > 0.0:
+        u = min(u, motion.turn_speed(room[k], speed[k], b, STEP_S, cap))
+    u = max(0.0, u, speed[k] - b * STEP_S)
+    room[k + 1] = room[k] - 0.5 * STEP_S * (speed[k] + u)
+    speed[k + 1] = u
 
 
 @kernel

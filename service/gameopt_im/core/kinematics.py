@@ -261,8 +261,20 @@ def approach_speed(
 
     Rule 3 brakes for a turn; the plan only says when to go.
     """
-    if earliest_arrival(s - v * dt, v, a, top, line, turn_b)[0] >= time - dt:
+    if has_to_go(s, v, time, a, top, line, turn_b, dt):
         return min(top, v + a * dt)
+    return waiting_speed(v, h, rate, a, turn_b, dt)
+
+
+@kernel
+def has_to_go(s: float, v: float, time: float, a: float, top: float, line: float, turn_b: float, dt: float) -> bool:
+    """Whether one that goes on for a step as it does comes too late for a slot `time` from now, even full ahead."""
+    return earliest_arrival(s - v * dt, v, a, top, line, turn_b)[0] >= time - dt
+
+
+@kernel
+def waiting_speed(v: float, h: float, rate: float, a: float, turn_b: float, dt: float) -> float:
+    """Speed after the next step to h at a plan's rate, or at h."""
     if v > h:
         return max(h, v + (rate if rate < 0.0 else -turn_b) * dt)
     return min(h, v + a * dt)

@@ -81,8 +81,8 @@ class Contest:
         """
         until_s = None if deadline_s is None else time.monotonic() + deadline_s - _now()
         fresh: dict[Met, PlatoonJob] = {}
-        for candidate in candidates:
-            met = candidate.met()
+        all_met = [candidate.met() for candidate in candidates]
+        for candidate, met in zip(candidates, all_met, strict=True):
             hopeless = any(key in known and known[key] is None for key in met)
             missing = {key for key in met if key not in known and key not in fresh}
             if missing and not hopeless:
@@ -92,7 +92,10 @@ class Contest:
         certain = self._missed() == missed
         known.update({key: solution for key, solution in solved.items() if certain or solution is not None})
         solved = known | solved
-        return [candidate.joined([solved.get(key) for key in candidate.met()]) for candidate in candidates]
+        return [
+            candidate.joined([solved.get(key) for key in met])
+            for candidate, met in zip(candidates, all_met, strict=True)
+        ]
 
     def _missed(self) -> int:
         return self.counts.late + self.counts.lost_workers

@@ -9,7 +9,7 @@ from contextlib import AsyncExitStack
 
 import structlog
 
-from gameopt_im import whole_way
+from gameopt_im import scheduling, whole_way
 from gameopt_im.bus import Bus, configuration, endpoints
 from gameopt_im.clock import LockStep, WallClock
 from gameopt_im.garbage import BetweenCycles
@@ -48,6 +48,7 @@ async def serve(options: ServeOptions) -> None:
         solver = solver_of(options)
         await stack.enter_async_context(solver)
         vitals.programs = solver.counts
+        realtime = goes_first(options) and scheduling.go_first()
         await bus.announce(codec.CHARTER.encode(charter))
         vitals.announce()
         log.info(
@@ -57,6 +58,7 @@ async def serve(options: ServeOptions) -> None:
             profile=options.profile,
             geometry=options.geometry,
             endpoints=endpoints(config),
+            realtime=realtime,
         )
         await run(options, Manager(options, term, solver), bus, recorder, vitals, hub)
 
@@ -108,4 +110,9 @@ def charter_of(options: ServeOptions, term: int) -> Charter:
 
 def solver_of(options: ServeOptions) -> Solver:
     """What solves the programs of the profile, warmed on them."""
-    return contest.solver_for(options.profile, options.workers, options.parameters)
+    return contest.solver_for(options.profile, options.workers, options.parameters, goes_first(options))
+
+
+def goes_first(options: ServeOptions) -> bool:
+    """Whether to ask for real-time scheduling: there is nothing to hurry for in lock-step."""
+    return options.clock == "wall" and options.parameters.service.realtime

@@ -1,4 +1,4 @@
-"""The cruise speed of the closed form against the one found by bisection alone."""
+"""What saves work in the approach law against its definition: cruise speeds, and when to go full ahead."""
 
 from __future__ import annotations
 
@@ -6,7 +6,22 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gameopt_im.core.kinematics import BISECTIONS, TOO_SOFT_S, cruise_for, peak_speed, plan_at
+from gameopt_im.core.corridor import reference
+from gameopt_im.core.kinematics import (
+    BISECTIONS,
+    TOO_SOFT_S,
+    approach,
+    approach_speed,
+    cruise_for,
+    earliest_arrival,
+    manner_of,
+    peak_speed,
+    plan_at,
+)
+from gameopt_im.core.parameters import Parameters
+from gameopt_im.core.snapshot import Floats
+from gameopt_wire import motion
+from gameopt_wire.messages import STEP_S
 
 SLOWEST = 0.5
 Plan = tuple[float, float, float, float, float]
@@ -57,3 +72,45 @@ def test_the_closed_form_only_saves_work(
         bisected(s, v, time, d, a, top, line, b, aim),
     )
     np.testing.assert_allclose(made, wanted, rtol=1e-6, atol=1e-4)
+
+
+MANNER = manner_of(Parameters().planner)
+SECONDS = 10
+
+
+def driven(s: float, v: float, slot: float, a: float, b: float, top: float, cap: float) -> Floats:
+    """The approach law's own speeds by the seconds, asked at every step whether it has to go full ahead."""
+    h, rate, *_ = approach(s, v, slot, a, b, top, cap, MANNER)
+    speeds = []
+    for k in range(SECONDS * 10):
+        if s > 0.0:
+            turn_b = min(motion.TURN_DECEL_MPS2, b)
+            u = approach_speed(s, v, slot - k * STEP_S, h, rate, a, top, cap, turn_b, STEP_S)
+            u = min(u, motion.turn_speed(s, v, b, STEP_S, cap))
+        else:
+            u = min(cap, v + a * STEP_S)
+        u = max(0.0, u, v - b * STEP_S)
+        s, v = s - 0.5 * STEP_S * (v + u), u
+        speeds.append(u)
+    return np.array(speeds[9::10])
+
+
+@given(
+    s=st.floats(2.0, 200.0),
+    share=st.floats(0.0, 1.0),
+    late=st.floats(0.0, 20.0),
+    a=st.floats(1.0, 2.6),
+    b=st.floats(3.0, 6.0),
+    top=st.floats(8.0, 25.0),
+    turn=st.floats(0.3, 1.0),
+)
+@settings(max_examples=500)
+def test_who_has_to_go_full_ahead_is_found_by_halves(
+    s: float, share: float, late: float, a: float, b: float, top: float, turn: float
+) -> None:
+    """Now and then it is a step off: having to go may cease for a step. Never by more than a step's acceleration."""
+    v, cap = share * min(top, (2.0 * b * (s - motion.STOP_OFFSET_M)) ** 0.5), turn * top
+    slot = earliest_arrival(s, v, a, top, cap, min(motion.TURN_DECEL_MPS2, b))[0] + late
+    one = (np.array([each]) for each in (s, v, slot, a, b, top, cap))
+    speeds, _, _ = reference(*one, MANNER, np.ones(SECONDS))
+    np.testing.assert_allclose(speeds[0], driven(s, v, slot, a, b, top, cap), atol=a * STEP_S)

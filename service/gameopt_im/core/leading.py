@@ -76,8 +76,9 @@ class Ways(NamedTuple):
 class Ahead(NamedTuple):
     """m leaders of one vehicle: their rows in `Ways`, and numbers (m, 7), by the columns below.
 
-    `row` holds their nominal ways, LOOSE for who goes on at its speed, `late_row` their worst cases. The room behind a leader is its x less `BACK`. It counts from where its x + `SHIFT` reaches `SINCE` (it has merged)
-    until x reaches `UNTIL` (it has parted). `X` and `V` are for those without a row.
+    `row` holds their nominal ways, LOOSE for who goes on at its speed, `late_row` their worst cases. The room behind a
+    leader is its x less `BACK`. It counts from where its x + `SHIFT` reaches `SINCE` (it has merged) until x reaches
+    `UNTIL` (it has parted). `X` and `V` are for those without a row.
     """
 
     row: Ints

@@ -250,6 +250,10 @@ class Service(Section, frozen=True, kw_only=True):
         Meta(ge=1, le=600, description="longest a silent vehicle blocks the ground it may stand on (s)"),
     ] = 30.0
     max_vehicles: Annotated[int, Meta(ge=1, le=100_000, description="more vehicles than this are not taken in")] = 1000
+    realtime: Annotated[
+        bool,
+        Meta(description="wall clock: go before the machine's other work (SCHED_FIFO), where the system lets us"),
+    ] = True
 
 
 class Parameters(Section, frozen=True, kw_only=True):

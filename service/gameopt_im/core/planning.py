@@ -183,8 +183,10 @@ def candidates(
 
 
 @kernel
-def _in_seconds(bids: Floats, worth_s: float, waited: Floats, patience_s: float, impatience: tuple[float, ...]) -> Floats:
-    """(K, n) bids times what they are worth, s, raised by each one's impatience times what was waited beyond patience."""
+def _in_seconds(
+    bids: Floats, worth_s: float, waited: Floats, patience_s: float, impatience: tuple[float, ...]
+) -> Floats:
+    """(K, n) bids times what they are worth, s, raised by impatience for every second waited beyond patience."""
     seconds = np.empty_like(bids)
     for k in range(bids.shape[0]):
         for i in range(bids.shape[1]):

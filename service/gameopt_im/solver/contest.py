@@ -33,10 +33,10 @@ class Contest:
     `counts` are those of the platoons' programs; what was not worth solving is in none of them.
     """
 
-    def __init__(self, workers: int, parameters: Parameters | None = None) -> None:
+    def __init__(self, workers: int, parameters: Parameters | None = None, go_first: bool = False) -> None:
         self._example = horizon_job.warm_up(parameters or Parameters())
         warm_up = [WarmUp(each) for each in self._example.programs()]
-        self._pool = Pool[PlatoonJob, PlatoonSolution](workers, jobs.SOLVE, warm_up, weigh=PlatoonJob.weight)
+        self._pool = Pool[PlatoonJob, PlatoonSolution](workers, jobs.SOLVE, warm_up, PlatoonJob.weight, go_first)
 
     @property
     def counts(self) -> Counts:
@@ -128,6 +128,8 @@ Solver: TypeAlias = Contest | Pool[Any, Any]
 """Whatever solves the programs of a control cycle; an async context."""
 
 
-def solver_for(profile: Profile, workers: int, parameters: Parameters) -> Solver:
-    """The solver of a profile, warmed on its programs."""
-    return Contest(workers, parameters) if profile == "default" else Pool(workers, jobs.SOLVE, jobs.warm_up())
+def solver_for(profile: Profile, workers: int, parameters: Parameters, go_first: bool = False) -> Solver:
+    """The solver of a profile, warmed on its programs; its workers `go_first` where the system lets them."""
+    if profile == "default":
+        return Contest(workers, parameters, go_first)
+    return Pool(workers, jobs.SOLVE, jobs.warm_up(), go_first=go_first)

@@ -67,17 +67,23 @@ class Pool(Generic[Job, Result]):
 
     Jobs and results are pickled; the `warm_up` jobs are solved by each worker before it counts as started.
     `weigh` says how long a job takes, in units of which the way to a worker takes `shares.SENDING`; without it workers
-    do all. With `workers` = 0 everything happens in this process. Use as an async context, or `start` and `close`.
+    do all. Workers `go_first` before other processes, where the system lets them. With `workers` = 0 everything happens
+    in this process. Use as an async context, or `start` and `close`.
     """
 
     def __init__(
-        self, workers: int, solve: str, warm_up: Sequence[Any] = (), weigh: Callable[[Job], float] | None = None
+        self,
+        workers: int,
+        solve: str,
+        warm_up: Sequence[Any] = (),
+        weigh: Callable[[Job], float] | None = None,
+        go_first: bool = False,
     ) -> None:
         self.counts = Counts()
         self.last_fault: str | None = None
         """The traceback of the last job that raised."""
         self._size = workers
-        self._start = Start(solve, tuple(warm_up))
+        self._start = Start(solve, tuple(warm_up), go_first)
         self._weigh = weigh
         self._here: Callable[[Job], Result | None] | None = None
         self._workers: list[Worker] = []

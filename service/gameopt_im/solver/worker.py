@@ -17,16 +17,18 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any, NamedTuple
 
+from gameopt_im import scheduling
 from gameopt_im.garbage import BetweenCycles
 
 HEADER = struct.Struct(">Q")
 
 
 class Start(NamedTuple):
-    """What to solve with, and the jobs to warm up on."""
+    """What to solve with, the jobs to warm up on, and whether to go before other processes, if that is allowed."""
 
     solve: str
     warm_up: Sequence[Any]
+    go_first: bool = False
 
 
 class Ready(NamedTuple):
@@ -88,7 +90,10 @@ def main(descriptor: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
     with socket.socket(fileno=descriptor) as connection:
         try:
-            solve, fault = run(prepare, _receive(connection))
+            start = _receive(connection)
+            solve, fault = run(prepare, start)
+            if start.go_first:
+                scheduling.go_first()
             connection.sendall(frame(Ready(fault)))
             with BetweenCycles() as garbage:
                 while fault is None:

@@ -12,7 +12,7 @@ from typing import Any
 import click
 import uvloop
 
-from gameopt_im import config, logs, map_file
+from gameopt_im import config, heap, logs, map_file
 from gameopt_im.options import DEFAULT_ENDPOINT, ServeOptions, StartError
 from gameopt_im.web import address
 from gameopt_wire.intersection import IntersectionMap
@@ -159,6 +159,7 @@ def serve(
         **as_given,
     )
     logs.configure(options.log_format)
+    heap.share_one()
     from gameopt_im.service import serve as run_service  # compiles the core: not before the input is sound
 
     run_until_signal(run_service(options))

@@ -1,4 +1,4 @@
-"""The heap that Zenoh's threads share: memory that grows with nothing but the vehicles that have come is none of ours."""
+"""The heap that Zenoh's threads share, so that memory does not grow with every vehicle that has ever come."""
 
 from __future__ import annotations
 

@@ -53,6 +53,23 @@ class Heard(NamedTuple):
         return Heard._make(column[kept] for column in self)
 
 
+class Said(NamedTuple):
+    """What a state says, by the names of `Heard`."""
+
+    time: float
+    s: float
+    v: float
+    a_max: float
+    b_max: float
+    v_max: float
+    gap: float
+    stranger_x: float
+    stranger_v: float
+    stranger_b: float
+    accepted: int
+    fallback: int
+
+
 SAID, KNOWN = struct.Struct("=10d2q"), struct.Struct("=6d3q")
 FIELDS = len(Heard._fields)
 
@@ -98,19 +115,14 @@ class Tracked:
     def hear(self, state: State, term: int) -> None:
         """Take in a state; `term` is the manager's own: an id of another is not in its books, though it may be."""
         accepted = NONE if state.accepted is None else state.accepted if state.term == term else FOREIGN
-        stranger_x, stranger_v, stranger_b = NEVER, 0.0, 1.0
-        if state.stranger is not None:
-            stranger = state.stranger
-            stranger_x, stranger_v, stranger_b = (
-                stranger.gap_m - state.distance_m,
-                stranger.speed_mps,
-                stranger.decel_mps2,
-            )
+        stranger, behind = state.stranger, (NEVER, 0.0, 1.0)
+        if stranger is not None:
+            behind = (stranger.gap_m - state.distance_m, stranger.speed_mps, stranger.decel_mps2)
         self.time_s = state.time_s
         SAID.pack_into(
             self.record, 0, state.time_s, state.distance_m, state.speed_mps, state.max_accel_mps2, state.max_decel_mps2,
             state.max_speed_mps, math.inf if state.leader_gap_m is None else state.leader_gap_m,
-            stranger_x, stranger_v, stranger_b, accepted, state.fallback,
+            *behind, accepted, state.fallback,
         )  # fmt: skip
         if self.vanished:
             self.vanished = False
@@ -127,23 +139,6 @@ class Tracked:
     def last(self) -> Said:
         """What its last state said."""
         return Said._make(SAID.unpack_from(self.record))
-
-
-class Said(NamedTuple):
-    """What a state says, by the names of `Heard`."""
-
-    time: float
-    s: float
-    v: float
-    a_max: float
-    b_max: float
-    v_max: float
-    gap: float
-    stranger_x: float
-    stranger_v: float
-    stranger_b: float
-    accepted: int
-    fallback: int
 
 
 def heard_of(present: Sequence[Tracked]) -> Heard:

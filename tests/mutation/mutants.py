@@ -422,7 +422,7 @@ MUTANTS = (
     Mutant(
         "a vehicle with a clearance refused",
         "service/gameopt_im/admission.py",
-        "return state.accepted is None and ",
+        "return said.accepted == NONE and ",
         "return ",
         f"{UNIT}/test_admission.py::test_who_may_have_to_cross_is_never_refused",
     ),

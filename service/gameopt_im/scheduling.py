@@ -10,7 +10,7 @@ PRIORITY = 10
 
 
 def go_first() -> bool:
-    """Schedule every thread of this process before all ordinary ones (SCHED_FIFO); whether the system let it.
+    """Schedule every thread that this process has now before all ordinary ones (SCHED_FIFO); whether the system let it.
 
     Threads and processes that are begun later are ordinary ones. Linux lets root do this, whoever has CAP_SYS_NICE, and
     whose RLIMIT_RTPRIO is high enough. It takes the processor away for 50 ms of a second at the least from whoever

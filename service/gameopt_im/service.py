@@ -45,10 +45,11 @@ async def serve(options: ServeOptions) -> None:
 
             await stack.enter_async_context(server.opened(options.http, options, vitals, hub))
         await warm_up(options)
-        solver = solver_of(options)
+        goes_first = options.clock == "wall" and options.parameters.service.realtime  # lock-step is in no hurry
+        solver = solver_of(options, goes_first)
         await stack.enter_async_context(solver)
         vitals.programs = solver.counts
-        realtime = goes_first(options) and scheduling.go_first()
+        realtime = goes_first and scheduling.go_first()  # not the threads that call back: they begin with the next line
         await bus.announce(codec.CHARTER.encode(charter))
         vitals.announce()
         log.info(
@@ -108,11 +109,6 @@ def charter_of(options: ServeOptions, term: int) -> Charter:
     )
 
 
-def solver_of(options: ServeOptions) -> Solver:
-    """What solves the programs of the profile, warmed on them."""
-    return contest.solver_for(options.profile, options.workers, options.parameters, goes_first(options))
-
-
-def goes_first(options: ServeOptions) -> bool:
-    """Whether to ask for real-time scheduling: there is nothing to hurry for in lock-step."""
-    return options.clock == "wall" and options.parameters.service.realtime
+def solver_of(options: ServeOptions, go_first: bool = False) -> Solver:
+    """What solves the programs of the profile, warmed on them; its workers `go_first` where the system lets them."""
+    return contest.solver_for(options.profile, options.workers, options.parameters, go_first)

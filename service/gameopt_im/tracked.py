@@ -71,7 +71,8 @@ class Said(NamedTuple):
 
 
 SAID, KNOWN = struct.Struct("=10d2q"), struct.Struct("=6d3q")
-FIELDS = len(Heard._fields)
+INTEGERS = frozenset(("accepted", "fallback", "movement", "footprint", "vanished"))
+"""The fields of `Heard` that are a q of `SAID` or `KNOWN`."""
 
 
 class Body(NamedTuple):
@@ -144,9 +145,10 @@ class Tracked:
 def heard_of(present: Sequence[Tracked]) -> Heard:
     """The rows of vehicles, in their order, by columns."""
     joined = b"".join([vehicle.record for vehicle in present])
-    table = np.frombuffer(joined).reshape(len(present), FIELDS).T.copy()
-    whole = table.view(np.int64)
-    return Heard(*table[:10], *whole[10:12], *table[12:18], *whole[18:])
+    table = np.frombuffer(joined).reshape(len(present), len(Heard._fields)).T.copy()
+    return Heard._make(
+        column.view(np.int64) if name in INTEGERS else column for name, column in zip(Heard._fields, table, strict=True)
+    )
 
 
 def picture(

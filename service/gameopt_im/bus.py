@@ -92,7 +92,8 @@ class Bus:
     def __init__(self, intersection: str, loop: asyncio.AbstractEventLoop, lossless: bool) -> None:
         self.overflow = 0
         self.closed_s = 0.0
-        """When the messages were last drained, on the clock of `time.perf_counter`."""
+        """When the last state was there that the last messages drained were waited for, on the clock of
+        `time.perf_counter`: that of the drain itself, where one was missing or none waited for."""
         self._intersection = intersection
         self._loop = loop
         self._queue: deque[Raw] = deque()
@@ -219,7 +220,8 @@ class Bus:
 
     def drain(self) -> list[Raw]:
         """All messages since the last call, in the order they came."""
-        self.closed_s = time.perf_counter()
+        ended_s = self._roll_call.ended_s
+        self.closed_s = time.perf_counter() if ended_s is None else ended_s
         self._arrived.clear()
         self._woken = False  # before the queue is emptied, so that a message coming now wakes the loop again
         queue, self._queued_bytes = self._queue, 0

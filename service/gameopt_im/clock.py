@@ -19,8 +19,8 @@ from gameopt_wire.messages import STEP_S, Step
 CYCLES_PER_S = round(1 / STEP_S)
 MAX_HELD = 100_000
 """Messages that wait for a step at most; beyond that the newest, for a step may never come."""
-SETTLE_S = 0.001
-"""Once everybody is heard, bids and newcomers that come with their states are waited for this long."""
+READ_EVERY_S = 0.001
+"""From the grid point on what has come is read this often, until everybody is heard."""
 LONGEST_WAIT_S = 2.0 * STEP_S + 1e-6
 """A longer wait than this for the next control cycle means that the clock has been set back."""
 
@@ -45,6 +45,7 @@ class Tick(NamedTuple):
     """The beginning of a control cycle; `restarted` says that lock-step time has begun anew.
 
     `left_s` is the time to the next grid point, where the vehicles will want their commands; None in lock-step.
+    The first `ahead` of the messages were read while the others were waited for.
     """
 
     cycle: int
@@ -52,6 +53,7 @@ class Tick(NamedTuple):
     messages: list[Raw]
     restarted: bool = False
     left_s: float | None = None
+    ahead: int = 0
 
 
 class Upcoming(NamedTuple):
@@ -97,7 +99,8 @@ class WallClock:
     """Control cycles on the grid of the wall clock; `missed` counts those that never began.
 
     One begins `collect_s` after its grid point; sooner, once everybody who was heard for the last one has been heard
-    again since the grid point. `late_s` is how long after the later moment the last one began, 0 before it.
+    again since the grid point. Meanwhile `read` is given what has come, and the time it is for. `late_s` is how long
+    after the later moment the last one began, 0 before it.
     """
 
     def __init__(
@@ -106,6 +109,7 @@ class WallClock:
         collect_s: float,
         now: Callable[[], float] = time.time,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+        read: Callable[[list[Raw], float], None] | None = None,
     ) -> None:
         self.missed = 0
         self.late_s = 0.0
@@ -114,6 +118,9 @@ class WallClock:
         self._grid = Grid(collect_s)
         self._now = now
         self._sleep = sleep
+        self._read = read
+        self._ahead: list[Raw] = []
+        """What has been read since the last control cycle."""
         self._last: int | None = None
         self._heard: set[str] = set()
         self._called: int | None = None
@@ -128,23 +135,36 @@ class WallClock:
             elif await self._complete(cycle, -late_s):
                 break
         self._last, self.late_s = cycle, max(0.0, late_s)
-        messages, _ = split_steps(self._source.drain())
+        ahead, self._ahead = self._ahead, []
+        messages = ahead + self._drained()
         self._heard = {raw.key for raw in messages if raw.kind == "state"}
         self._call_roll(cycle + 1)
         left_s = self._grid.time_s(cycle + 1) - self._now()
-        return Tick(cycle, self._grid.time_s(cycle), messages, left_s=left_s)
+        return Tick(cycle, self._grid.time_s(cycle), messages, left_s=left_s, ahead=len(ahead))
 
     async def _complete(self, cycle: int, left_s: float) -> bool:
-        """Sleeps up to `left_s`; whether there is nobody to wait for any longer."""
+        """Sleeps and reads up to `left_s`; whether there is nobody to wait for any longer.
+
+        The last ones heard are read here, and what has come meanwhile after it: with the states of a burst come bids
+        and newcomers, who are not waited for.
+        """
         if not self._heard:
             await self._sleep(left_s)
             return False
-        if not await self._source.all_heard(left_s):
-            return False
-        now_s = self._now()
-        settled_s = max(now_s + SETTLE_S, self._grid.time_s(cycle))  # everybody may have left before the grid point
-        await self._sleep(max(0.0, min(settled_s, self._grid.due_s(cycle)) - now_s))
-        return True
+        begins_s = self._grid.time_s(cycle)
+        most_s = max(0.0, begins_s - self._now()) + READ_EVERY_S
+        complete = await self._source.all_heard(min(left_s, most_s))
+        if complete and (early_s := begins_s - self._now()) > 0.0:
+            await self._sleep(early_s)  # everybody has left before the grid point
+        if self._read is not None:
+            messages = self._drained()
+            self._ahead += messages
+            self._read(messages, begins_s)
+        return complete
+
+    def _drained(self) -> list[Raw]:
+        messages, _ = split_steps(self._source.drain())
+        return messages
 
     def _call_roll(self, cycle: int) -> None:
         """Waits for the states of a control cycle, as soon as that is the next: they may come while one overruns."""

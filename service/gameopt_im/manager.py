@@ -77,6 +77,8 @@ class Manager:
         self._next_clearance = 1
         self._entered: dict[str, float] = {}
         self._open: dict[str, LedgerEntry] = {}
+        self._ahead = 0
+        """Messages of the next control cycle that have been read."""
         self._stage_started = self._planned = 0.0
         self._stages: dict[str, float] = {}
         self._solved = 0, 0, False
@@ -95,19 +97,28 @@ class Manager:
         """Lock-step time began anew: forget every vehicle and clearance, and how the last programs ended."""
         self._tracker.reset()
         self._strategy = self._fresh_strategy()
-        self._book, self._order, self._next_clearance = Book(), (), 1
+        self._book, self._order, self._next_clearance, self._ahead = Book(), (), 1, 0
         self._entered.clear()
         self._open.clear()
+
+    def read_ahead(self, messages: Sequence[Raw], time_s: float) -> None:
+        """Read the next of the messages that the control cycle at `time_s` will be given, while others are waited for.
+
+        The same comes of it as of reading them there, but that a flood is cut off at each reading.
+        """
+        self._tracker.ingest(messages, time_s)
+        self._ahead += len(messages)
 
     async def control_cycle(
         self, cycle: int, time_s: float, messages: list[Raw], left_s: float | None = None
     ) -> Outcome:
-        """Messages in, commands out; the same in, the same out.
+        """Messages in, commands out; the same in, the same out. Those read ahead are the first of them.
 
         With `left_s`, the time to the next grid point, as much is tried as fits (`pace.py`); None: everything.
         """
         started = self._stage_started = time.perf_counter()
-        self._tracker.ingest(messages, time_s)
+        self._tracker.ingest(messages[self._ahead :], time_s)
+        self._ahead = 0
         self._mark("ingest")
         snapshot = self._tracker.snapshot(cycle, time_s, self._book.held.keys())
         settled = decision.settle(self._book, snapshot, self._ground)

@@ -43,6 +43,7 @@ class _Input(msgspec.Struct, frozen=True):
     time_s: float
     restarted: bool
     messages: list[Raw]
+    ahead: int = 0
 
 
 class _Output(msgspec.Struct, frozen=True):
@@ -120,7 +121,7 @@ class Recorder:
 
     def record(self, tick: Tick, commands: Sequence[Command]) -> None:
         """Writes a control cycle: what it was given, and what it sent. Raises `RecordError`."""
-        self._add(INPUT, tick, _Input(tick.cycle, tick.time_s, tick.restarted, tick.messages))
+        self._add(INPUT, tick, _Input(tick.cycle, tick.time_s, tick.restarted, tick.messages, tick.ahead))
         self._add(COMMAND, tick, _Output(tick.cycle, list(commands)))
 
     def close(self) -> None:
@@ -203,4 +204,4 @@ def _decoded(path: Path, payload: bytes, kind: type[Any]) -> Any:
 
 
 def _tick(content: _Input) -> Tick:
-    return Tick(content.cycle, content.time_s, content.messages, content.restarted)
+    return Tick(content.cycle, content.time_s, content.messages, content.restarted, ahead=content.ahead)

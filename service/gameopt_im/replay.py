@@ -29,6 +29,9 @@ class Decided(Protocol):
 class ControlCycle(Protocol):
     """The service: everything that is decided, from messages in to commands out."""
 
+    def read_ahead(self, messages: Sequence[Raw], time_s: float) -> None:
+        """Take in the first messages of the next control cycle."""
+
     async def control_cycle(self, cycle: int, time_s: float, messages: list[Raw]) -> Decided:
         """One control cycle."""
 
@@ -93,6 +96,7 @@ async def replay(
             tick = recorded.tick
             if tick.restarted:
                 service.restart()
+            service.read_ahead(tick.messages[: tick.ahead], tick.time_s)
             outcome = await service.control_cycle(tick.cycle, tick.time_s, tick.messages)
             count += 1
             difference = first_difference(tick.cycle, recorded.commands, outcome.commands)

@@ -69,7 +69,9 @@ async def run(
 ) -> None:
     """The loop itself: one control cycle after another, for as long as the task lives."""
     clock: WallClock | LockStep = (
-        LockStep(bus) if options.clock == "lockstep" else WallClock(bus, options.parameters.service.collect_s)
+        LockStep(bus)
+        if options.clock == "lockstep"
+        else WallClock(bus, options.parameters.service.collect_s, read=manager.read_ahead)
     )
     with BetweenCycles() as garbage:
         while True:

@@ -1,4 +1,4 @@
-"""The whole way of a control cycle, from the moment no later state is taken to the last command handed to Zenoh."""
+"""The whole way of a control cycle, from the last state that it waited for to the last command handed to Zenoh."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ PUBLISH = "publish"
 def measured(outcome: Outcome, closed_s: float, late_s: float | None) -> Outcome:
     """The outcome once its commands are with Zenoh, its report with the whole way and all its stages.
 
-    The way begins at `closed_s` (`time.perf_counter`), when the messages of the control cycle were drained: whatever
-    came before is in it, and nothing that came later. How long states were waited for (`service.collect_s`) is not
-    work, and not part of it; `late_s`, from the time due to the wake-up, is reported beside it. `ingest` then begins
-    with the drain, and `publish` where the commands stand, so that the stages add up to the whole way. The report is
-    published after the commands, in the same control cycle.
+    The way begins at `closed_s` (`time.perf_counter`), when the last vehicle waited for was heard, or the wait ended
+    without it. The wait itself (`service.collect_s`) is not work, and not part of it, though states are read in it;
+    `late_s`, from the time due to the wake-up, is reported beside it. `ingest` then begins there, and `publish` where
+    the commands stand, so that the stages add up to the whole way. The report is published after the commands, in the
+    same control cycle.
     """
     ended_s = time.perf_counter()
     report = outcome.report

@@ -51,8 +51,8 @@ def spoken(cycle: int) -> list[Raw]:
     return raws
 
 
-async def driven() -> list[RecordedCycle]:
-    """Time runs, and begins anew half way."""
+async def driven(ahead: int = 0) -> list[RecordedCycle]:
+    """Time runs, and begins anew half way; so many messages of each control cycle are read before it."""
     run = []
     async with solver_of(OPTIONS) as pool:
         manager = Manager(OPTIONS, 7, pool)
@@ -61,10 +61,18 @@ async def driven() -> list[RecordedCycle]:
             restarted = number == CYCLES
             if restarted:
                 manager.restart()
-            tick = Tick(cycle, cycle / 10, spoken(cycle), restarted)
+            tick = Tick(cycle, cycle / 10, spoken(cycle), restarted, ahead=ahead)
+            manager.read_ahead(tick.messages[:ahead], tick.time_s)
             outcome = await manager.control_cycle(tick.cycle, tick.time_s, tick.messages)
             run.append(RecordedCycle(tick, outcome.commands))
     return run
+
+
+@pytest.mark.parametrize("ahead", [1, 3, 4])
+def test_it_makes_no_difference_whether_messages_are_read_ahead(tmp_path: Path, ahead: int) -> None:
+    run = asyncio.run(driven(ahead))
+    assert [each.commands for each in run] == [each.commands for each in asyncio.run(driven())]
+    assert cli.run(("replay", str(recorded(tmp_path / "run.mcap", run)))) == 0
 
 
 def recorded(path: Path, run: list[RecordedCycle]) -> Path:

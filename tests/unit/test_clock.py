@@ -168,7 +168,7 @@ def test_a_control_cycle_begins_once_everybody_heard_before_is_heard_again() -> 
         began_s.append(hands.now_s - tick.time_s)
         late_s.append(clock.late_s)
     # Nobody known yet; all of two; one that stays silent; again nobody.
-    assert began_s == pytest.approx([0.02, 0.007, 0.02, 0.02], abs=1e-5)
+    assert began_s == pytest.approx([0.02, 0.006, 0.02, 0.02], abs=1e-5)
     assert inbox.whom == [{"a", "b"}, {"a"}]
     assert late_s == pytest.approx([0.0] * 4, abs=1e-5)
     assert clock.missed == 0
@@ -181,7 +181,7 @@ def test_who_spoke_while_the_last_cycle_overran_has_been_heard() -> None:
     ticks(clock, 1)
     hands.now_s += 0.09  # 10 ms into the next one
     (tick,) = ticks(clock, 1)
-    assert (tick.cycle, hands.now_s) == (EPOCH + 1, pytest.approx(EPOCH_S + 0.111, abs=1e-5))
+    assert (tick.cycle, hands.now_s) == (EPOCH + 1, pytest.approx(EPOCH_S + 0.11, abs=1e-5))
 
 
 def test_when_everybody_has_left_the_next_cycle_begins_at_its_grid_point() -> None:
@@ -200,7 +200,43 @@ def test_after_a_stall_the_states_of_the_cycle_that_is_still_to_come_are_waited_
     ticks(clock, 1)
     hands.now_s += 0.5
     (tick,) = ticks(clock, 1)
-    assert (tick.cycle, hands.now_s) == (EPOCH + 6, pytest.approx(EPOCH_S + 0.606, abs=1e-5))
+    assert (tick.cycle, hands.now_s) == (EPOCH + 6, pytest.approx(EPOCH_S + 0.605, abs=1e-5))
+
+
+def test_what_comes_is_read_while_others_are_waited_for() -> None:
+    hands = Hands(EPOCH_S)
+    first, early, last = [state("a"), state("b")], [state("a"), Raw("step", b"", "k")], [state("b")]
+    newcomer = [Raw("bid", b"b", "c")]
+    inbox = Speaking(hands, [0.0015, 1.0], first, early, last, newcomer)
+    read: list[tuple[float, list[Raw], float]] = []
+    clock = WallClock(
+        inbox, 0.02, hands.now, hands.sleep, lambda messages, time_s: read.append((hands.now_s, messages, time_s))
+    )
+    alone, together = ticks(clock, 2)
+    assert (alone.messages, alone.ahead) == (first, 0)  # nobody was waited for
+    assert together.messages == [state("a"), *last, *newcomer]
+    assert together.ahead == 2
+    assert [(messages, time_s) for _, messages, time_s in read] == [
+        ([state("a")], together.time_s),
+        (last, together.time_s),
+    ]
+    assert [at_s - together.time_s for at_s, _, _ in read] == pytest.approx([0.001, 0.0015], abs=1e-5)
+
+
+def test_what_was_read_for_a_control_cycle_that_was_slept_through_is_in_the_next() -> None:
+    hands = Hands(EPOCH_S)
+    inbox = Speaking(hands, [1.0] * 4, [state("a")], [state("b")])
+    read: list[Raw] = []
+
+    def suspended(messages: list[Raw], time_s: float) -> None:
+        read.extend(messages)
+        hands.now_s += 0.5 if messages else 0.0
+
+    clock = WallClock(inbox, 0.02, hands.now, hands.sleep, suspended)
+    _, later = ticks(clock, 2)
+    assert clock.missed > 0
+    assert (read, later.messages) == ([state("b")], [state("b")])
+    assert later.ahead == 1
 
 
 def state(vehicle: str) -> Raw:

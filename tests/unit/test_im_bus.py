@@ -132,8 +132,14 @@ def test_a_roll_call_ends_with_the_last_one_awaited_whether_heard_or_gone() -> N
             session.put(silent, b"nobody waits for it")
             await gather(bus, 3)
             assert not both.done()
+            asked_s = time.perf_counter()
+            bus.drain()
+            assert bus.closed_s >= asked_s  # one is missing: the wait ends with the drain
             await asyncio.to_thread(token.undeclare)
             assert await both
+            heard_s = time.perf_counter()
+            bus.drain()
+            assert asked_s < bus.closed_s < heard_s  # when the last one was heard, not when it was drained
             bus.call_roll({silent}, time.time())
             assert not await bus.all_heard(0.01)
 

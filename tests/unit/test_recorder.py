@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,7 +56,7 @@ RUN = [
         Tick(1, 0.1, [Raw("state", b"\x00\xff", "gameopt/x/state/a"), Raw("bid", b"", "gameopt/x/bid/a")]),
         [command(), command("b")],
     ),
-    RecordedCycle(Tick(2, 0.2, [Raw("gone", b"", "gameopt/x/alive/b")]), []),
+    RecordedCycle(Tick(2, 0.2, [Raw("gone", b"", "gameopt/x/alive/b")], ahead=1), []),
     RecordedCycle(Tick(1, 0.1, [], restarted=True), [command()]),
 ]
 
@@ -127,10 +127,16 @@ class Parrot:
     def __init__(self, decide: Callable[[int], list[Command]]) -> None:
         self.decide = decide
         self.heard: list[Tick] = []
+        self.ahead: list[Raw] = []
         self.restarts = 0
 
+    def read_ahead(self, messages: Sequence[Raw], time_s: float) -> None:
+        self.ahead.extend(messages)
+
     async def control_cycle(self, cycle: int, time_s: float, messages: list[Raw]) -> Outcome:
-        self.heard.append(Tick(cycle, time_s, messages))
+        assert messages[: len(self.ahead)] == self.ahead
+        self.heard.append(Tick(cycle, time_s, messages, ahead=len(self.ahead)))
+        self.ahead.clear()
         return Outcome(self.decide(cycle))
 
     def restart(self) -> None:

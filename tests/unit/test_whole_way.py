@@ -1,4 +1,4 @@
-"""The whole way: from the drain of the messages to the last command, its stages without a gap."""
+"""The whole way: from the last state waited for to the last command, its stages without a gap."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gameopt_im.manager import Outcome
 
 def test_the_stages_add_up_to_the_whole_way() -> None:
     closed_s = time.perf_counter()
-    began_s = closed_s + 0.001  # drained, counted
+    began_s = closed_s + 0.001  # woken, read
     decided_s = began_s + 0.004
     report = cycle_report(1, 0, 0, elapsed_ms=4.0, stages_ms={"ingest": 1.5, "auction": 2.5})
     while time.perf_counter() < decided_s + 0.002:

@@ -14,6 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -29,6 +30,8 @@ from gameopt_wire.messages import Command, CycleReport, LedgerEntry
 MAX_QUEUED, MAX_QUEUED_BYTES = 100_000, 64 * 2**20
 """Messages held for the next control cycle, and their content; what comes beyond is dropped and counted."""
 MANAGER = "manager"
+DECLARED_AT_ONCE = 20
+"""Publishers declared or taken back after a control cycle, of either: a crowd that comes or goes may not delay it."""
 PROBE_S = 1.0
 """Longest wait for an answer whether another manager is there; it normally comes within a millisecond."""
 
@@ -106,7 +109,7 @@ class Bus:
         # Lock-step counts on every message; under the wall clock a blocked loop is worse than a lost one.
         self._congestion = zenoh.CongestionControl.BLOCK if lossless else zenoh.CongestionControl.DROP
         self._counts = lossless
-        self._command_keys: dict[str, zenoh.KeyExpr] = {}  # looked at once, not at every put
+        self._publishers: dict[str, zenoh.Publisher] = {}  # of commands: a key that is put to without is matched anew
 
     @classmethod
     async def open(cls, intersection: str, config: zenoh.Config, charter: bytes, lossless: bool = False) -> Bus:
@@ -155,6 +158,7 @@ class Bus:
     async def close(self) -> None:
         """Closes the session: a session left open with a callback hangs the interpreter's exit."""
         session, self._session = self._session, None
+        self._publishers.clear()
         if session is not None:
             await asyncio.to_thread(session.close)
 
@@ -241,13 +245,12 @@ class Bus:
 
     def publish_commands(self, commands: Iterable[Command]) -> None:
         """Sends every command to its vehicle."""
-        known, self._command_keys = self._command_keys, {}  # of who is there now: nobody is remembered for good
         for command in commands:
-            key = known.get(command.vehicle)
-            if key is None:
-                key = zenoh.KeyExpr(keys.of_vehicle(self._intersection, "command", command.vehicle))
-            self._command_keys[command.vehicle] = key
-            self._put(key, codec.COMMAND.encode(command))
+            payload, publisher = codec.COMMAND.encode(command), self._publishers.get(command.vehicle)
+            if publisher is not None:
+                publisher.put(payload)
+            else:
+                self._put(keys.of_vehicle(self._intersection, "command", command.vehicle), payload)
 
     def publish_cycle(self, report: CycleReport) -> None:
         """Sends the report of a control cycle."""
@@ -257,7 +260,18 @@ class Bus:
         """Says what a vehicle paid."""
         self._put(keys.of_vehicle(self._intersection, "ledger", entry.vehicle), codec.LEDGER.encode(entry))
 
-    def _put(self, key: str | zenoh.KeyExpr, payload: bytes) -> None:
+    def cycle_done(self, vehicles: Collection[str]) -> None:
+        """The commands are out: have a publisher for each of the vehicles there are, and for nobody who has gone."""
+        if self._session is None:
+            return
+        present, known = set(vehicles), self._publishers.keys()
+        for vehicle in [*islice(known - present, DECLARED_AT_ONCE)]:
+            self._publishers.pop(vehicle).undeclare()  # type: ignore[no-untyped-call]
+        for vehicle in [*islice(present - known, DECLARED_AT_ONCE)]:
+            key = keys.of_vehicle(self._intersection, "command", vehicle)
+            self._publishers[vehicle] = self._session.declare_publisher(key, congestion_control=self._congestion)
+
+    def _put(self, key: str, payload: bytes) -> None:
         if self._session is not None:
             self._session.put(key, payload, congestion_control=self._congestion)
 

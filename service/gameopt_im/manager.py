@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,13 +45,14 @@ NAMED = 5
 class Outcome:
     """What a control cycle came to: what to send, and what to write down.
 
-    `decided_s` is when its commands stood, on the clock of `time.perf_counter`.
+    `decided_s` is when its commands stood, and `published_s` when they were out, on the clock of `time.perf_counter`.
     """
 
     commands: list[Command]
     report: CycleReport
     ledger: list[LedgerEntry]
     decided_s: float = 0.0
+    published_s: float = 0.0
 
 
 class Manager:
@@ -90,6 +91,11 @@ class Manager:
         """Bids taken since the start of the term."""
         return self._tracker.bids
 
+    @property
+    def present(self) -> tuple[str, ...]:
+        """The vehicles of the last control cycle."""
+        return self.sight.snapshot.ids if self.sight is not None else ()
+
     def _fresh_strategy(self) -> Strategy:
         return strategy_of(self.options, self._ground)
 
@@ -110,11 +116,17 @@ class Manager:
         self._ahead += len(messages)
 
     async def control_cycle(
-        self, cycle: int, time_s: float, messages: list[Raw], left_s: float | None = None
+        self,
+        cycle: int,
+        time_s: float,
+        messages: list[Raw],
+        left_s: float | None = None,
+        publish: Callable[[list[Command]], None] | None = None,
     ) -> Outcome:
         """Messages in, commands out; the same in, the same out. Those read ahead are the first of them.
 
         With `left_s`, the time to the next grid point, as much is tried as fits (`pace.py`); None: everything.
+        `publish` is given the commands as soon as they stand: the books are written after it.
         """
         started = self._stage_started = time.perf_counter()
         self._tracker.ingest(messages[self._ahead :], time_s)
@@ -148,17 +160,20 @@ class Manager:
         self._tracker.reserved = frozenset(self._book.held)
         self._mark("interlock")
         commands = self._commands(snapshot, limits, concluded)
-        ledger = self._write_ledger(settled, time_s)
-        self._order = tuple(snapshot.ids[i] for i in concluded.order)
         self._mark("commands")
         decided_s = self._stage_started
+        if publish is not None:
+            publish(commands)
+        published_s = time.perf_counter()
+        ledger = self._write_ledger(settled, time_s)
+        self._order = tuple(snapshot.ids[i] for i in concluded.order)
         elapsed_ms = 1e3 * (decided_s - started)
         report = self._report(snapshot, picture, concluded, winner, proposal.count, len(commands), elapsed_ms)
         self._log(settled, picture, snapshot)
         self.sight = Sight(
             snapshot, limits.phase, self._book, who, proposal, results, winner, concluded, self._tracker.vehicle
         )
-        return Outcome(commands, report, ledger, decided_s)
+        return Outcome(commands, report, ledger, decided_s, published_s)
 
     def _deadline(self) -> float | None:
         """On the loop's clock; in lock-step there is none, so that nothing depends on the machine."""

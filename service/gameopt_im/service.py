@@ -81,8 +81,9 @@ async def run(
                 manager.restart()
             manager.missed = clock.missed
             manager.unread = Counter({"overflow": bus.overflow}) + clock.rejected
-            outcome = await manager.control_cycle(tick.cycle, tick.time_s, tick.messages, tick.left_s)
-            bus.publish_commands(outcome.commands)
+            outcome = await manager.control_cycle(
+                tick.cycle, tick.time_s, tick.messages, tick.left_s, bus.publish_commands
+            )
             outcome = whole_way.measured(outcome, bus.closed_s, clock.late_s)
             bus.publish_cycle(outcome.report)
             for entry in outcome.ledger:
@@ -92,6 +93,7 @@ async def run(
                 recorder.record(tick, outcome.commands)
             vitals.cycle_done(outcome, manager.bids)
             hub.cycle_done(outcome, manager.sight)
+            bus.cycle_done(manager.present)
             garbage.cycle_done()
 
 

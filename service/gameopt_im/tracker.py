@@ -118,8 +118,9 @@ class Tracker:
         """Takes in what arrived for the control cycle at `now_s`: counted whatever it is, never raised."""
         if self._clock == "wall":  # a step waits for all of its messages to be read
             messages, unread = within(messages, MESSAGES_EACH * self._parameters.service.max_vehicles, self._vehicles)
-            self.received += unread
-            self.rejected += Counter({"flood": unread})
+            if unread:
+                self.received += unread
+                self.rejected["flood"] += unread
         for raw in messages:
             if raw.kind == "gone":
                 self.vanish(keys.vehicle_of(raw.key))
@@ -205,7 +206,7 @@ class Tracker:
         heard = heard_of(present)
         held = np.array([*map(reserved.__contains__, ids)], dtype=np.bool_)
         become = self._fates(heard, held, time_s)
-        if become.any():
+        if np.count_nonzero(become):
             for vehicle, fate in zip(present, become.tolist(), strict=True):
                 if fate != STAYS:
                     self._drop(vehicle, FATES[fate], time_s)

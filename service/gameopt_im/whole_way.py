@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 from msgspec import structs
@@ -21,16 +20,15 @@ def measured(outcome: Outcome, closed_s: float, late_s: float | None) -> Outcome
     the commands stand, so that the stages add up to the whole way. The report is published after the commands, in the
     same control cycle.
     """
-    ended_s = time.perf_counter()
     report = outcome.report
     began_s = outcome.decided_s - 1e-3 * report.elapsed_ms
     stages_ms = dict(report.stages_ms)
     stages_ms["ingest"] += 1e3 * (began_s - closed_s)
-    stages_ms[PUBLISH] = 1e3 * (ended_s - outcome.decided_s)
+    stages_ms[PUBLISH] = 1e3 * (outcome.published_s - outcome.decided_s)
     complete = structs.replace(
         report,
         stages_ms=stages_ms,
-        whole_ms=1e3 * (ended_s - closed_s),
+        whole_ms=1e3 * (outcome.published_s - closed_s),
         late_ms=None if late_s is None else 1e3 * late_s,
     )
     return replace(outcome, report=complete)

@@ -138,7 +138,7 @@ class CycleReport(Message, frozen=True, kw_only=True, tag="cycle"):
     """One per control cycle, after its commands. Counters with `_total` run from the start of the term.
 
     `elapsed_ms` is the decision, from messages to commands. `whole_ms` is the whole way, of which `stages_ms` are the
-    parts: from the moment no later state is taken to the last command handed to Zenoh. `late_ms` is how long after its
+    parts: from the last state that was waited for to the last command handed to Zenoh. `late_ms` is how long after its
     time under the wall clock the control cycle began. Both are null where nobody has measured them.
 
     For want of time, `dropped_total` candidates were not tried, and `unsolved_total` control cycles went without

@@ -224,17 +224,34 @@ def test_what_is_held_is_bounded_in_bytes_too_and_what_is_dropped_is_counted(mon
     run(work())
 
 
-def test_nobodys_command_key_is_remembered_for_good() -> None:
+def test_a_vehicle_has_a_publisher_for_as_long_as_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gameopt_im.bus.DECLARED_AT_ONCE", 2)
+
     def command(vehicle: str) -> Command:
         return Command(vehicle=vehicle, term=1, cycle=2, time_s=0.2, speed_mps=9.0, valid_until_s=0.7)
 
     async def work() -> None:
-        async with hub(free_endpoint()) as bus:
+        endpoint = free_endpoint()
+        async with hub(endpoint) as bus, vehicles(endpoint) as session:
+            heard: queue.Queue[bytes] = queue.Queue()
+            command_keys = keys.of_all(HERE, "command")
+            session.declare_subscriber(command_keys, lambda sample: heard.put(sample.payload.to_bytes()))
+            await ask_map(session)
             for k in range(100):
-                bus.publish_commands([command(f"car {k}"), command(f"car {k + 1}")])
-                bus.publish_ledger(LedgerEntry(vehicle=f"car {k}", term=1, entered_s=0, cleared_s=0, price=0, bid=0))
-                bus.publish_commands([command(f"car {k}"), command(f"car {k + 1}")])
-            assert set(bus._command_keys) == {"car 99", "car 100"}
+                commands = [command(f"car {k}"), command(f"car {k + 1}"), command(f"car {k + 2}")]
+                bus.publish_commands(commands)  # the last one is new
+                bus.cycle_done([each.vehicle for each in commands])
+                received = [await asyncio.to_thread(heard.get, timeout=PATIENCE_S) for _ in commands]
+                assert received == [codec.COMMAND.encode(each) for each in commands]
+            assert set(bus._publishers) == {"car 99", "car 100", "car 101"}
+            bus.cycle_done([])
+            assert len(bus._publishers) == 1  # only so many at once
+            bus.cycle_done([])
+            assert not bus._publishers
+            await bus.close()
+            bus.publish_commands([command("car 1")])  # to nobody: it is closed
+            bus.cycle_done(["car 1"])
+            assert not bus._publishers
 
     run(work())
 

@@ -50,7 +50,7 @@ def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
     is no longer known: the ground is held anew for whoever stands on it.
     """
     row, held = book.rows_of(snapshot.ids), len(book.held)
-    if np.count_nonzero(row >= 0) < held or not book.rows.clearance[:held].all():
+    if np.count_nonzero(row >= 0) < held or np.count_nonzero(book.rows.clearance[:held]) < held:
         present = set(snapshot.ids)
         for each in [*book.held.values()]:
             if each.vehicle not in present or not each.clearance:
@@ -60,7 +60,7 @@ def settle(book: Book, snapshot: Snapshot, ground: Ground) -> Settled:
         snapshot.age, interlock.can_stop(snapshot, ground), ground.clear, ground.length,
     )  # fmt: skip
 
-    if not (taken.any() or end.any()):
+    if not (np.count_nonzero(taken) or np.count_nonzero(end)):
         return NOTHING
 
     def of(mask: Bools) -> tuple[Reservation, ...]:
@@ -135,7 +135,7 @@ def picture(snapshot: Snapshot, ground: Ground, book: Book, parameters: Paramete
             book.add(intrusion)
             scene.way[i] = book.row[intrusion.vehicle]
     withdrawn = withdraw(snapshot, ground, book, limits, parameters.interlock)
-    if withdrawn or scene.asked.any():
+    if withdrawn or np.count_nonzero(scene.asked):
         limits = _held_up(snapshot, ground, book, limits, scene)
     return Picture(limits, scene, strayed, withdrawn)
 

@@ -29,12 +29,12 @@ def withdraw(snapshot: Snapshot, ground: Ground, book: Book, limits: Limits, int
     able = can_stop(snapshot, ground)
     row, rows = book.rows_of(snapshot.ids), book.rows
     held, gives = row >= 0, held_in(row, rows.withdrawn)
-    if gives.any():
+    if np.count_nonzero(gives):
         for i in (gives & rows.accepted[row] & ~able).nonzero()[0]:
             book.withdraw(snapshot.ids[i], False)  # it kept it, since it could not stop, and drives it to its end
     near = _too_near(book, ground, snapshot.cycle, interlock)
     waits = np.where(held, held_in(row, rows.withdrawn), limits.phase == UNCLEARED)  # at the line
-    if not near and not (held & (limits.leader >= 0) & waits[limits.leader]).any():
+    if not near and not np.count_nonzero(held & (limits.leader >= 0) & waits[limits.leader]):
         return ()
     place = {vehicle: i for i, vehicle in enumerate(snapshot.ids)}
     asked: set[str] = set()
@@ -70,7 +70,7 @@ def _too_near(book: Book, ground: Ground, cycle: int, interlock: Interlock) -> l
     """The pairs of vehicles whose windows have come too near each other on some conflict area."""
     margin_s, margin_m = MARGIN_SHARE * interlock.margin_s, MARGIN_SHARE * interlock.margin_m
     near = clashing(book.stack(cycle), ground.windows, margin_s, margin_m)
-    if not near.any():
+    if not np.count_nonzero(near):
         return []
     vehicles = book.by_row()
     return [(vehicles[a], vehicles[b]) for a, b in np.argwhere(near)]

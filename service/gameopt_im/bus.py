@@ -24,7 +24,7 @@ import zenoh
 from gameopt_im.inbox import Kind, Raw
 from gameopt_im.options import StartError
 from gameopt_im.roll_call import RollCall
-from gameopt_wire import codec, keys
+from gameopt_wire import codec, keys, transport
 from gameopt_wire.messages import Command, CycleReport, LedgerEntry
 
 MAX_QUEUED, MAX_QUEUED_BYTES = 100_000, 64 * 2**20
@@ -47,8 +47,7 @@ def configuration(
 ) -> zenoh.Config:
     """The session's configuration: hub (router) where it listens, client where it only connects.
 
-    Scouting by multicast and gossip are off: who connects to whom is said, and with gossip on, peers would
-    talk past the hub's access control. A user's own file is taken as it is; endpoints given replace its own.
+    The rest as in `gameopt_wire.transport`. A user's own file is taken as it is; endpoints given replace its own.
     """
     listen, connect = list(listen), list(connect)
     if zenoh_config is not None:
@@ -60,8 +59,8 @@ def configuration(
     else:
         config = zenoh.Config()
         config.insert_json5("mode", json.dumps("router" if listen or not connect else "client"))
-        config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("scouting/gossip/enabled", "false")
+        for key, value in transport.SETTINGS.items():
+            config.insert_json5(key, value)
         replaced = [(f"{name}/endpoints", given) for name, given in _named(listen, connect)]
     for key, given in replaced:
         try:

@@ -6,6 +6,7 @@ import asyncio
 import json
 import queue
 import socket
+import threading
 import time
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
@@ -222,6 +223,33 @@ def test_what_is_held_is_bounded_in_bytes_too_and_what_is_dropped_is_counted(mon
                 assert await bus.all_heard(PATIENCE_S)
                 assert len(bus.drain()) == 3
                 assert bus.overflow == dropped
+
+    run(work())
+
+
+def test_a_reader_that_stands_still_for_a_control_cycle_misses_no_command() -> None:
+    commands = [
+        Command(
+            vehicle=f"car {k}", term=1_764_201_000_123, cycle=17_957_377_523, time_s=1_795_737_752.3,
+            speed_mps=9.1234567, valid_until_s=1_795_737_752.8,
+        )
+        for k in range(1_500)
+    ]  # fmt: skip
+    goes_on, came = threading.Event(), queue.Queue[str]()
+
+    def reads(sample: zenoh.Sample) -> None:
+        assert goes_on.wait(PATIENCE_S)
+        came.put(str(sample.key_expr))
+
+    async def work() -> None:
+        endpoint = f"{free_endpoint()}#so_sndbuf=8192;so_rcvbuf=8192"  # the system holds next to nothing for it
+        async with hub(endpoint) as bus, vehicles(endpoint) as session:
+            session.declare_subscriber(keys.of_all(HERE, "command"), reads)
+            await ask_map(session)
+            bus.publish_commands(commands)
+            goes_on.set()
+            received = [await asyncio.to_thread(came.get, timeout=PATIENCE_S) for _ in commands]
+            assert received == [keys.of_vehicle(HERE, "command", each.vehicle) for each in commands]
 
     run(work())
 

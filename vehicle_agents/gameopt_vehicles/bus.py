@@ -1,4 +1,4 @@
-"""The vehicles' side of Zenoh: one client session for all of them.
+"""The vehicles' side of Zenoh: one client session for all of them, and others for their liveliness tokens.
 
 Zenoh calls back on its own threads. A callback only appends bytes to a deque and wakes the event loop, once
 for however many messages have arrived since; everything else happens on the loop.
@@ -12,13 +12,15 @@ import re
 import time
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
 
 import zenoh
 
-from gameopt_wire import codec, keys
+from gameopt_vehicles.presence import Presence
+from gameopt_wire import codec, keys, transport
 from gameopt_wire.intersection import Charter
 
 ANSWER_TIMEOUT_S = 2.5
@@ -43,9 +45,7 @@ def configuration(endpoints: tuple[str, ...], file: Path | None) -> zenoh.Config
         raise BadBusConfiguration(f"{file}: {_one_line(error)}") from None
     settings: dict[str, str] = {}
     if file is None:
-        settings["mode"] = '"client"'
-        settings["scouting/multicast/enabled"] = "false"
-        settings["scouting/gossip/enabled"] = "false"
+        settings |= {"mode": '"client"', **transport.SETTINGS}
         # The manager may be starting at this moment; without a timeout the first refusal would be final.
         settings["connect/timeout_ms"] = str(int(ANSWER_TIMEOUT_S * 1000))
     if endpoints:
@@ -68,13 +68,13 @@ class Received(NamedTuple):
 class Bus:
     """An open session; use it as an asynchronous context, so that it is closed whatever happens."""
 
-    def __init__(self, session: zenoh.Session, where: str, *, reliable: bool) -> None:
+    def __init__(self, session: zenoh.Session, presence: Presence, where: str, *, reliable: bool) -> None:
         self._session = session
+        self._present = presence
         self._where = where
         self._loop = asyncio.get_running_loop()
         self._awake = asyncio.Event()
         self._wake_pending = False
-        self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._subscribers: list[zenoh.Subscriber[None]] = []
         # In lock-step a dropped message would stall both sides; under the wall clock a late one is worthless.
         self._congestion = zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP
@@ -93,7 +93,10 @@ class Bus:
             if "Unable to connect" in str(error):
                 raise NoManager(f"no manager listens on {where}") from None
             raise NoManager(f"no connection to {where}: {_one_line(error)}") from None
-        return cls(session, where, reliable=reliable)
+        # Only a client can have a second session of the same configuration: others may listen, at a port of theirs.
+        several = json.loads(config.get_json("mode")) == "client"
+        presence = Presence(session, partial(zenoh.open, config) if several else None)
+        return cls(session, presence, where, reliable=reliable)
 
     async def __aenter__(self) -> Self:
         return self
@@ -101,6 +104,7 @@ class Bus:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        await self._present.close()
         await asyncio.to_thread(self._session.close)
 
     async def charter(self, intersection: str | None) -> Charter:
@@ -135,12 +139,11 @@ class Bus:
 
     def announce(self, vehicle: str) -> None:
         """Declare that `vehicle` is there, until `withdraw` or the end of the session."""
-        key = keys.alive(self.intersection, vehicle)
-        self._tokens[vehicle] = self._session.liveliness().declare_token(key)
+        self._present.announce(self.intersection, vehicle)
 
     def withdraw(self, vehicle: str) -> None:
         """Take the declaration back."""
-        self._tokens.pop(vehicle).undeclare()  # type: ignore[no-untyped-call]
+        self._present.withdraw(vehicle)
 
     async def wait(self, timeout_s: float) -> bool:
         """Sleep until something has arrived or `timeout_s` have passed; whether something has."""

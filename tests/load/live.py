@@ -21,10 +21,11 @@ from typing import Any
 
 import click
 import psutil
+from machine import Evenness, evenness
 
 from gameopt_sumo.compare.processes import ProcessError, Processes
 
-SAMPLE_S, SHORTEST_S = 0.5, 10
+SAMPLE_S, SHORTEST_S, ALONE_S = 0.5, 10, 20.0
 MB = 2**20
 WAY_P99_MS = {60: 5.0, 130: 10.0, 260: 25.0}
 """The target for the whole way by number of vehicles; the others hold at the largest."""
@@ -147,12 +148,13 @@ class Line:
 
 @dataclass(frozen=True)
 class Measured:
-    """One load under one number of workers: the vehicles' report, and what the processes used."""
+    """One load under one number of workers: the vehicles' report, what the processes used, the machine before it."""
 
     load: Load
     workers: int
     report: dict[str, Any]
     used: dict[str, float]
+    alone: Evenness
 
     @property
     def missed(self) -> int:
@@ -195,6 +197,8 @@ class Measured:
             Line("vehicles, of one core", used["vehicles_percent"], " %"),
             Line("memory of manager and workers", used["resident_mb"], " MB"),
             Line("memory growth", used["growth_mb"], " MB", GROWTH_MB),
+            Line("the machine alone just before, the same job again and again, p50", self.alone.p50_ms, " ms"),
+            Line("the machine alone, p99", self.alone.p99_ms, " ms"),
         ]
 
     def markdown(self) -> str:
@@ -217,11 +221,12 @@ def measure(load: Load, workers: int, options: list[str], warmup_s: int, out: Pa
     serve = ["--clock", "wall", "--workers", str(workers), *options]
     length = ["--duration", str(warmup_s + load.seconds), "--warmup", str(warmup_s)]
     drive = ["--clock", "wall", "--synthetic", str(load.vehicles), *length, "--report", str(report)]
+    alone = evenness(ALONE_S)
     with Watch() as watch:
         ran = Processes().two(serve, drive, folder)
     if ran.code != 0 or not report.exists():
         raise ProcessError(f"the vehicles ended with exit code {ran.code}; see {folder}")
-    return Measured(load, workers, json.loads(report.read_text()), watch.figures(warmup_s))
+    return Measured(load, workers, json.loads(report.read_text()), watch.figures(warmup_s), alone)
 
 
 def written(measured: list[Measured], out: Path) -> str:

@@ -11,7 +11,9 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[1] / "load"))
 from live import MB, Line, Load, Measured, Sample, Watch
+from machine import Evenness, evenness
 
+ALONE = Evenness(4.0, 6.0)
 SPREAD = {"p50_ms": 1.0, "p99_ms": 4.0, "p999_ms": 8.0, "max_ms": 9.0}
 
 
@@ -35,7 +37,7 @@ def report(missed: int) -> dict[str, Any]:
 
 def measured(vehicles: int, missed: int = 0) -> Measured:
     used = {"manager_percent": 40.0, "workers_percent": 25.0, "vehicles_percent": 10.0}
-    return Measured(Load(vehicles, 60), 1, report(missed), used | {"resident_mb": 400.0, "growth_mb": 0.5})
+    return Measured(Load(vehicles, 60), 1, report(missed), used | {"resident_mb": 400.0, "growth_mb": 0.5}, ALONE)
 
 
 def test_shares_and_growth_are_those_after_the_warm_up() -> None:
@@ -81,3 +83,8 @@ def test_both_tables_are_written() -> None:
     assert "| control cycles missed | 2 | <= 0 | **no** |" in text
     assert "| ingest | 1 | 4 | 8 | 9 |" in text
     assert measured(60, missed=2).missed == 2
+
+
+def test_the_machine_alone_takes_no_less_at_p99() -> None:
+    alone = evenness(0.5)
+    assert 0.0 < alone.p50_ms <= alone.p99_ms

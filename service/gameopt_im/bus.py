@@ -94,8 +94,10 @@ class Bus:
     def __init__(self, intersection: str, loop: asyncio.AbstractEventLoop, lossless: bool) -> None:
         self.overflow = 0
         self.closed_s = 0.0
-        """When the last state was there that the last messages drained were waited for, on the clock of
-        `time.perf_counter`: that of the drain itself, where one was missing or none waited for."""
+        """When the last `drain` had all it had waited for, on the clock of `time.perf_counter`.
+
+        That is when the last state of the roll came, or the drain itself where one was missing or none was called.
+        """
         self._intersection = intersection
         self._loop = loop
         self._queue: deque[Raw] = deque()

@@ -13,28 +13,27 @@ from dataclasses import dataclass
 
 import numpy as np
 import structlog
-from msgspec import structs
 
+from gameopt_im.commands import commands_of
 from gameopt_im.core import decision, planning
 from gameopt_im.core.budget import Load, Took
 from gameopt_im.core.conflicts import ground
 from gameopt_im.core.decision import Conclusion, Picture, Settled, Winner
-from gameopt_im.core.interlock import INTRUDING, UNCLEARED, Limits
-from gameopt_im.core.reservations import Book, Reservation
+from gameopt_im.core.interlock import INTRUDING, UNCLEARED
+from gameopt_im.core.reservations import Book
 from gameopt_im.core.snapshot import Snapshot
 from gameopt_im.inbox import Raw
+from gameopt_im.ledger import Ledger
 from gameopt_im.options import ServeOptions
 from gameopt_im.pace import Pace
 from gameopt_im.sight import Sight
 from gameopt_im.solver.contest import Solver
 from gameopt_im.strategy import Strategy, strategy_of
-from gameopt_im.tracker import Tracker
-from gameopt_wire.messages import Clearance, Command, CycleReport, LedgerEntry
+from gameopt_im.tracker import Event, Tracker
+from gameopt_wire.messages import Command, CycleReport, LedgerEntry
 
 log = structlog.get_logger()
 
-LATEST_S = 1e6
-"""A slot farther off than this is none."""
 QUIET_CYCLES = 100
 """Control cycles without a refusal after which the next one is said again."""
 NAMED = 5
@@ -76,8 +75,7 @@ class Manager:
         self._book = Book()
         self._order: tuple[str, ...] = ()
         self._next_clearance = 1
-        self._entered: dict[str, float] = {}
-        self._open: dict[str, LedgerEntry] = {}
+        self._ledger = Ledger(term)
         self._ahead = 0
         """Messages of the next control cycle that have been read."""
         self._stage_started = self._planned = 0.0
@@ -104,8 +102,7 @@ class Manager:
         self._tracker.reset()
         self._strategy = self._fresh_strategy()
         self._book, self._order, self._next_clearance, self._ahead = Book(), (), 1, 0
-        self._entered.clear()
-        self._open.clear()
+        self._ledger.clear()
 
     def read_ahead(self, messages: Sequence[Raw], time_s: float) -> None:
         """Read the next of the messages that the control cycle at `time_s` will be given, while others are waited for.
@@ -159,17 +156,19 @@ class Manager:
         self._next_clearance += len(concluded.grants.given)
         self._tracker.reserved = frozenset(self._book.held)
         self._mark("interlock")
-        commands = self._commands(snapshot, limits, concluded)
+        held, valid_s = self._book.held, parameters.service.command_valid_s
+        commands = commands_of(snapshot, limits, concluded, held, self.term, valid_s)
         self._mark("commands")
         decided_s = self._stage_started
         if publish is not None:
             publish(commands)
         published_s = time.perf_counter()
-        ledger = self._write_ledger(settled, time_s)
+        events = self._tracker.take_events()
+        ledger = self._ledger.write(settled, events, time_s)
         self._order = tuple(snapshot.ids[i] for i in concluded.order)
         elapsed_ms = 1e3 * (decided_s - started)
         report = self._report(snapshot, picture, concluded, winner, proposal.count, len(commands), elapsed_ms)
-        self._log(settled, picture, snapshot)
+        self._log(settled, events, picture, snapshot)
         self.sight = Sight(
             snapshot, limits.phase, self._book, who, proposal, results, winner, concluded, self._tracker.vehicle
         )
@@ -191,72 +190,6 @@ class Manager:
         now = time.perf_counter()
         self._stages[stage] = 1e3 * (now - self._stage_started)
         self._stage_started = now
-
-    def _commands(self, snapshot: Snapshot, limits: Limits, concluded: Conclusion) -> list[Command]:
-        """One command for every vehicle that was heard; a silent one falls back by itself."""
-        rank = np.full(len(snapshot), -1)
-        rank[concluded.order] = np.arange(len(concluded.order))
-        now_s, held = snapshot.time_s, self._book.held
-        valid_until_s = now_s + self.options.parameters.service.command_valid_s
-        slots = np.where(concluded.slots < LATEST_S, np.maximum(0.0, now_s + concluded.slots), np.nan)  # NaN for none
-        offers = limits.phase != INTRUDING
-        columns = (concluded.speeds, slots, np.isnan(slots), rank, offers, snapshot.silent)
-        commands = []
-        for vehicle, speed, slot, slotless, turn, offered, silent in zip(
-            snapshot.ids, *(column.tolist() for column in columns), strict=True
-        ):
-            if silent:
-                continue
-            reservation = held.get(vehicle)
-            commands.append(
-                Command(
-                    vehicle=vehicle,
-                    term=self.term,
-                    cycle=snapshot.cycle,
-                    time_s=now_s,
-                    speed_mps=speed,
-                    valid_until_s=valid_until_s,
-                    slot_s=None if slotless else slot,
-                    clearance=_offer(reservation, now_s) if offered else None,
-                    cleared=_known(reservation),
-                    withdrawn=reservation.clearance if reservation is not None and reservation.withdrawn else None,
-                    rank=turn,
-                    price=reservation.price if reservation is not None else 0.0,
-                )
-            )
-        return commands
-
-    def _write_ledger(self, settled: Settled, time_s: float) -> list[LedgerEntry]:
-        """An entry when a clearance is taken and paid for, and again when its vehicle has left the zone."""
-        entries, events = [], self._tracker.take_events()
-        _say("warning", "vehicles lost", [event.vehicle for event in events if event.kind == "lost"])
-        _say("info", "vehicles left out", [event.vehicle for event in events if event.kind == "stale"])
-        for event in events:
-            if event.kind == "entered":
-                self._entered[event.vehicle] = event.entered_s
-                continue
-            self._entered.pop(event.vehicle, None)
-            self._open.pop(event.vehicle, None)
-        for taken in settled.accepted:
-            entry = LedgerEntry(
-                vehicle=taken.vehicle,
-                term=self.term,
-                entered_s=self._entered.get(taken.vehicle, time_s),
-                cleared_s=time_s,
-                price=taken.price,
-                bid=taken.bid,
-            )
-            self._open[taken.vehicle] = entry
-            entries.append(entry)
-        for gone in settled.left:
-            paid = self._open.pop(gone.vehicle, None)
-            if paid is not None:
-                entries.append(structs.replace(paid, left_s=time_s))
-        for back in settled.returned:
-            paid = self._open.pop(back.vehicle, None)
-            if paid is not None:
-                entries.append(structs.replace(paid, price=0.0))  # it has not got what it paid for
-        return entries
 
     def _report(
         self,
@@ -299,9 +232,11 @@ class Manager:
             unsolved_total=self._pace.unsolved,
         )
 
-    def _log(self, settled: Settled, picture: Picture, snapshot: Snapshot) -> None:
+    def _log(self, settled: Settled, events: Sequence[Event], picture: Picture, snapshot: Snapshot) -> None:
         """What should not happen is said once per control cycle; what happens all the time is not."""
         intruding = [snapshot.ids[i] for i in np.flatnonzero(picture.limits.phase == INTRUDING)]
+        _say("warning", "vehicles lost", [event.vehicle for event in events if event.kind == "lost"])
+        _say("info", "vehicles left out", [event.vehicle for event in events if event.kind == "stale"])
         _say("info", "clearances lapsed", [lapsed.vehicle for lapsed in settled.lapsed])
         _say("warning", "in the zone without a clearance", intruding)
         _say("warning", "strayed from their profiles", picture.strayed)
@@ -317,24 +252,3 @@ def _say(level: str, what: str, vehicles: Sequence[str]) -> None:
     """One line, however many there are: a line each would take longer than the control cycle has."""
     if vehicles:
         getattr(log, level)(what, vehicles=len(vehicles), first=vehicles[:NAMED])
-
-
-def _offer(reservation: Reservation | None, now_s: float) -> Clearance | None:
-    """The clearance to offer, again and again until it is taken or has expired."""
-    if reservation is None or reservation.accepted or reservation.withdrawn:
-        return None
-    if reservation.clearance == 0 or now_s > reservation.expires_s:
-        return None
-    return Clearance(
-        id=reservation.clearance,
-        start_s=reservation.start_s,
-        expires_s=reservation.expires_s,
-        speeds_mps=reservation.speeds(),
-    )
-
-
-def _known(reservation: Reservation | None) -> int | None:
-    """The clearance taken: the command's speed is made for it. Not one asked back: who keeps it drives it unaided."""
-    if reservation is None or not reservation.accepted or reservation.withdrawn:
-        return None
-    return reservation.clearance

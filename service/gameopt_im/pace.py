@@ -20,7 +20,8 @@ class Pace:
     def __init__(self, options: ServeOptions) -> None:
         self.dropped = self.unsolved = 0
         parameters = options.parameters
-        vectors = min(options.candidates, len(parameters.auction.weights))
+        several = parameters.interlock.ask != "standing"  # the stop sign has one order, and nothing to leave out
+        vectors = min(options.candidates, len(parameters.auction.weights)) if several else 1
         incumbent = options.profile == "default" and parameters.planner.incumbent
         self._beside = int(incumbent)
         self._top = vectors + self._beside

@@ -139,7 +139,7 @@ class DefaultProfile:
         objectives: list[float | None] = [None if result is None else result.objective for result in results]
         if not proposal.jobs:
             objectives = [0.0] * len(options)
-        best = planning.select(options, objectives, self._parameters)
+        best = planning.select(options, objectives, self._parameters, solved=bool(proposal.jobs))
         option = options[best or 0]
         outcome = results[best] if results and best is not None else None
         speeds = outcome.speeds if outcome is not None else self._unsolved(proposal.problem, option)

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from tracking import ROADS
+from watched import STOP_SIGN_TEXT
 
 from gameopt_im import config
 from gameopt_im.core.budget import Load, Took
@@ -64,6 +65,12 @@ def test_without_time_everybody_is_still_commanded_and_crosses(profile: Any, lef
 def first_drop(reports: list[Any]) -> int:
     """Nothing is known of costs in the first control cycle, so all is tried."""
     return 0 if reports[0].unsolved_total else reports[0].dropped_total
+
+
+def test_the_stop_sign_leaves_nothing_out_for_it_has_one_order() -> None:
+    outcomes = driven(options(f"{STOP_SIGN_TEXT}\n{NO_TIME}"), 60, 0.08)
+    assert max(outcome.report.uncleared for outcome in outcomes) > 3
+    assert (outcomes[-1].report.dropped_total, outcomes[-1].report.unsolved_total) == (0, 0)
 
 
 def test_without_the_incumbent_the_first_weight_vector_remains() -> None:

@@ -68,12 +68,22 @@ def test_without_the_incumbent_the_others_are_what_they_were() -> None:
     assert {k: order for k, order in usual.items() if k != INCUMBENT}.items() <= without.items()
 
 
-def test_selection_by_the_objective_looks_at_nothing_else() -> None:
+def of_delays(*delays: float) -> list[Candidate]:
     nothing = np.empty(0)
-    options = [Candidate(k, np.empty(0, dtype=np.int64), nothing, nothing, 10.0 * k) for k in range(3)]
+    return [Candidate(k, np.empty(0, dtype=np.int64), nothing, nothing, delay) for k, delay in enumerate(delays)]
+
+
+def test_selection_by_the_objective_looks_at_nothing_else() -> None:
+    options = of_delays(0.0, 10.0, 20.0)
     by_objective = config.parse('[planner]\nselection = "objective"')
     assert select(options, [9.0, 8.0, 7.0], by_objective) == 2
     assert select(options, [9.0, 8.0, 7.0], Parameters()) == 0
+
+
+def test_without_programs_the_delay_decides_whatever_else_would() -> None:
+    options = of_delays(2.0, 1.0, 3.0)
+    by_objective = config.parse('[planner]\nselection = "objective"')
+    assert select(options, [0.0, 0.0, 0.0], by_objective, solved=False) == 1
 
 
 async def driven(text: str, cycles: int) -> list[Outcome]:

@@ -19,12 +19,13 @@ from gameopt_wire.intersection import IntersectionMap
 from gameopt_wire.messages import STEP_S, Profile
 
 ROADS = msgspec.json.decode((Path(__file__).parents[1] / "maps" / "crossroads.json").read_bytes(), type=IntersectionMap)
-STOP_SIGN = config.parse("""
+STOP_SIGN_TEXT = """
     auction = {order = "arrival"}
     planner = {incumbent = false, upstream = false}
     program = {solve = false}
     interlock = {ask = "standing"}
-""")
+"""
+STOP_SIGN = config.parse(STOP_SIGN_TEXT)
 
 
 def options(profile: Profile = "default", parameters: Parameters | None = None) -> ServeOptions:

@@ -234,25 +234,30 @@ class Stake(NamedTuple):
         return cost - self.bonus * abs(cost)
 
 
-def stake_of(option: Candidate, parameters: Parameters) -> Stake:
-    """The stake of a candidate; the incumbent has a bonus. Where J alone counts, only it is at stake."""
+def stake_of(option: Candidate, parameters: Parameters, solved: bool = True) -> Stake:
+    """The stake of a candidate; the incumbent has a bonus. Where J alone counts, only it is at stake.
+
+    In a control cycle that has no time for programs (not `solved`) there is no J, and the delay decides.
+    """
     bonus = parameters.planner.incumbent_bonus if option.weights == INCUMBENT else 0.0
-    if parameters.planner.selection == "objective":
+    if solved and parameters.planner.selection == "objective":
         return Stake(0.0, 1.0, bonus)
     return Stake(option.delay, parameters.program.objective_weight, bonus)
 
 
-def select(options: Sequence[Candidate], objectives: Sequence[float | None], parameters: Parameters) -> int | None:
+def select(
+    options: Sequence[Candidate], objectives: Sequence[float | None], parameters: Parameters, solved: bool = True
+) -> int | None:
     """q*: the candidate of least cost, the first of them.
 
-    A candidate without a solution (None) is out; None where all are.
+    A candidate without a solution (None) is out; None where all are. `solved` is as for `stake_of`.
     """
     best: int | None = None
     least = np.inf
     for k, (option, objective) in enumerate(zip(options, objectives, strict=True)):
         if objective is None:
             continue
-        cost = stake_of(option, parameters).cost(objective)
+        cost = stake_of(option, parameters, solved).cost(objective)
         if cost < least:
             best, least = k, cost
     return best

@@ -204,7 +204,7 @@ def _contenders(sight: Sight, parameters: Parameters) -> Iterator[Contender]:
         number, delay_s, rows = _read(k, option)
         cost = objective or 0.0
         if isinstance(option, Candidate):
-            cost = stake_of(option, parameters).cost(cost)
+            cost = stake_of(option, parameters, solved=bool(proposal.jobs)).cost(cost)
         yield Contender(
             number=number,
             cost=round(cost, 4),

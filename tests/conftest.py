@@ -1,6 +1,7 @@
 """How much the property tests try, what no test may leave behind, and which tests may run side by side."""
 
 import logging
+import signal
 import sys
 import threading
 from collections.abc import Iterator
@@ -13,6 +14,10 @@ from hypothesis import settings
 settings.register_profile("gate", derandomize=True, deadline=None)
 settings.register_profile("explore", max_examples=2000, deadline=None, print_blob=True)
 settings.load_profile("gate")
+
+# A shell that runs the tests in the background has them ignore Ctrl-C, and so would all that they start.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -20,7 +20,7 @@ class Pace:
     def __init__(self, options: ServeOptions) -> None:
         self.dropped = self.unsolved = 0
         parameters = options.parameters
-        several = parameters.interlock.ask != "standing"  # the stop sign has one order, and nothing to leave out
+        several = parameters.interlock.ask != "standing"  # the stop sign has one order
         vectors = min(options.candidates, len(parameters.auction.weights)) if several else 1
         incumbent = options.profile == "default" and parameters.planner.incumbent
         self._beside = int(incumbent)
@@ -36,7 +36,7 @@ class Pace:
     def effort(self, load: Load, elapsed_s: float, left_s: float | None) -> Effort:
         """What to try, `elapsed_s` after the beginning, which had `left_s` to the next grid point; None: everything."""
         self._tried = None
-        if left_s is None:
+        if left_s is None or (self._top == 1 and not self._programs):  # or there is nothing to leave out
             return Effort(self._top - self._beside)
         before = self._ladder.level
         # What happens once, a late beginning or a process held up, says nothing about the next control cycle.

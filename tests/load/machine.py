@@ -1,4 +1,4 @@
-"""How evenly this machine works when nothing but one small job runs: no p99 of a service can be better than that."""
+"""How evenly this machine works when nothing but one small job runs: what it adds to the p99 of a service."""
 
 from __future__ import annotations
 

@@ -85,6 +85,6 @@ def test_both_tables_are_written() -> None:
     assert measured(60, missed=2).missed == 2
 
 
-def test_the_machine_alone_takes_no_less_at_p99() -> None:
+def test_the_machine_alone_is_measured_in_milliseconds_of_a_small_job() -> None:
     alone = evenness(0.5)
-    assert 0.0 < alone.p50_ms <= alone.p99_ms
+    assert 0.2 < alone.p50_ms <= alone.p99_ms < 500.0

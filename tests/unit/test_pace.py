@@ -11,7 +11,7 @@ from tracking import ROADS
 from watched import STOP_SIGN_TEXT
 
 from gameopt_im import config
-from gameopt_im.core.budget import Load, Took
+from gameopt_im.core.budget import Effort, Load, Took
 from gameopt_im.manager import Manager, Outcome
 from gameopt_im.options import ServeOptions
 from gameopt_im.pace import Pace
@@ -65,6 +65,16 @@ def test_without_time_everybody_is_still_commanded_and_crosses(profile: Any, lef
 def first_drop(reports: list[Any]) -> int:
     """Nothing is known of costs in the first control cycle, so all is tried."""
     return 0 if reports[0].unsolved_total else reports[0].dropped_total
+
+
+def test_without_time_for_programs_the_delay_decides_also_where_the_objective_would(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Pace, "effort", lambda *_: Effort(7, programs=False))
+    by_delay = driven(options(), 100, 0.08)
+    by_objective = driven(options('[planner]\nselection = "objective"'), 100, 0.08)
+    assert [outcome.commands for outcome in by_objective] == [outcome.commands for outcome in by_delay]
+    assert len({outcome.report.selected for outcome in by_delay}) > 2
 
 
 def test_the_stop_sign_leaves_nothing_out_for_it_has_one_order() -> None:

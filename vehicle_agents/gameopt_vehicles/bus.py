@@ -104,8 +104,10 @@ class Bus:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await self._present.close()
-        await asyncio.to_thread(self._session.close)
+        try:
+            await self._present.close()
+        finally:
+            await asyncio.to_thread(self._session.close)
 
     async def charter(self, intersection: str | None) -> Charter:
         """The manager's answer for its map; `None` asks whoever is there, which must be a single one."""

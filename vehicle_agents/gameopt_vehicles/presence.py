@@ -35,11 +35,11 @@ class Presence:
     """
 
     def __init__(self, session: zenoh.Session, another: Callable[[], zenoh.Session] | None) -> None:
-        self._owners = session
         self._another = another
         self._shift = _Shift(session)
         self._tokens: dict[str, tuple[_Shift, zenoh.LivelinessToken]] = {}
         self._relief: asyncio.Task[None] | None = None
+        self._opened: set[zenoh.Session] = set()
         self._closing: set[asyncio.Task[None]] = set()
 
     def announce(self, intersection: str, vehicle: str) -> None:
@@ -62,26 +62,31 @@ class Presence:
         """Close every session but the owner's, and with it take back what was declared there."""
         if self._relief is not None:
             await self._relief
-        sessions = {shift.session for shift, _ in self._tokens.values()} | {self._shift.session}
         self._tokens.clear()
-        for session in sessions - {self._owners}:
-            await asyncio.to_thread(session.close)
-        await asyncio.gather(*self._closing)
+        for session in self._opened:
+            self._close(session)
+        await asyncio.gather(*self._closing, return_exceptions=True)
 
     async def _relieve(self, another: Callable[[], zenoh.Session]) -> None:
         over = self._shift
         try:
-            self._shift = _Shift(await asyncio.to_thread(another))
+            session = await asyncio.to_thread(another)
         except zenoh.ZError:
             over.declared = 0  # it goes on; another try when as many again have come
-        else:
-            self._dismiss(over)
-        self._relief = None
+            return
+        finally:
+            self._relief = None
+        self._opened.add(session)
+        self._shift = _Shift(session)
+        self._dismiss(over)
 
     def _dismiss(self, shift: _Shift) -> None:
         """Close the session of a shift that is over, once nobody's token stands on it."""
-        if shift is self._shift or shift.standing or shift.session is self._owners:
-            return
-        task = asyncio.create_task(asyncio.to_thread(shift.session.close))
+        if shift is not self._shift and not shift.standing and shift.session in self._opened:
+            self._opened.remove(shift.session)
+            self._close(shift.session)
+
+    def _close(self, session: zenoh.Session) -> None:
+        task = asyncio.create_task(asyncio.to_thread(session.close))
         self._closing.add(task)
         task.add_done_callback(self._closing.discard)

@@ -31,19 +31,19 @@ def split_steps(messages: Iterable[Raw]) -> tuple[list[Raw], list[Raw]]:
     return of_vehicles, steps
 
 
-def within(messages: Sequence[Raw], most: int, known: Iterable[str]) -> tuple[Sequence[Raw], int]:
+def within(messages: Sequence[Raw], most: int, known: Iterable[str], read: int = 0) -> tuple[Sequence[Raw], int]:
     """At most so many of the messages, in their order, and how many of the vehicles' are left out.
 
     Those under the keys of `known` vehicles come first, and of either the newest: who is there already is not crowded
-    out by whoever floods other keys.
+    out by whoever floods other keys. What has been `read` before is on the account of the others.
     """
-    if len(messages) <= most:
+    if read + len(messages) <= most:
         return messages, 0
     chunks = {keys.encode(vehicle) for vehicle in known}
     of_known, others = list[int](), list[int]()
     for k, raw in enumerate(messages):
         (of_known if raw.key.rpartition("/")[2] in chunks else others).append(k)
     taken = of_known[-most:]
-    taken += others[max(0, len(others) - most + len(taken)) :]
+    taken += others[max(0, len(others) - max(0, most - read - len(taken))) :]
     kept = [messages[k] for k in sorted(taken)]
     return kept, sum(raw.kind != "gone" for raw in messages) - sum(raw.kind != "gone" for raw in kept)

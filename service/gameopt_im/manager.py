@@ -78,6 +78,7 @@ class Manager:
         self._ledger = Ledger(term)
         self._ahead = 0
         """Messages of the next control cycle that have been read."""
+        self._flooded = False
         self._stage_started = self._planned = 0.0
         self._stages: dict[str, float] = {}
         self._solved = 0, 0, False
@@ -101,16 +102,20 @@ class Manager:
         """Lock-step time began anew: forget every vehicle and clearance, and how the last programs ended."""
         self._tracker.reset()
         self._strategy = self._fresh_strategy()
-        self._book, self._order, self._next_clearance, self._ahead = Book(), (), 1, 0
+        self._book, self._order, self._next_clearance = Book(), (), 1
+        self._ahead, self._flooded = 0, False
         self._ledger.clear()
 
     def read_ahead(self, messages: Sequence[Raw], time_s: float) -> None:
         """Read the next of the messages that the control cycle at `time_s` will be given, while others are waited for.
 
-        The same comes of it as of reading them there, but that a flood is cut off at each reading.
+        The same comes of it as of reading them there. What a flood begins with is left to be read there, for there
+        the newest are chosen, once.
         """
-        self._tracker.ingest(messages, time_s)
-        self._ahead += len(messages)
+        self._flooded = self._flooded or not self._tracker.has_room(len(messages))
+        if not self._flooded:
+            self._tracker.ingest(messages, time_s)
+            self._ahead += len(messages)
 
     async def control_cycle(
         self,
@@ -127,7 +132,7 @@ class Manager:
         """
         started = self._stage_started = time.perf_counter()
         self._tracker.ingest(messages[self._ahead :], time_s)
-        self._ahead = 0
+        self._ahead, self._flooded = 0, False
         self._mark("ingest")
         snapshot = self._tracker.snapshot(cycle, time_s, self._book.held.keys())
         settled = decision.settle(self._book, snapshot, self._ground)

@@ -90,6 +90,7 @@ class Tracker:
         self._exit_end_m = ground.length + ground.exit_length
         self._behind_m: list[float] = (self._exit_end_m + OUTSIDE_ZONE_M).tolist()
         service, stretch_m = parameters.service, parameters.exit.distance_m
+        self._most = MESSAGES_EACH * service.max_vehicles
         self._patience = Patience(service.stale_s, service.hold_s, stretch_m, stretch_m + AFTER_EXIT_M)
         self._vehicles: dict[str, Tracked] = {}
         self._ordered: list[Tracked] = []
@@ -103,6 +104,8 @@ class Tracker:
         self._gone: dict[str, float] = {}
         """When vehicles dropped a moment ago were last heard: a copy of a state that comes late is no new arrival."""
         self._events: list[Event] = []
+        self._read = 0
+        """Messages read since the last snapshot."""
 
     def reset(self) -> None:
         """Forgets every vehicle without a word, as when lock-step time begins anew; counters go on."""
@@ -113,14 +116,20 @@ class Tracker:
         self._bids.clear()
         self._gone.clear()
         self._events.clear()
+        self._read = 0
+
+    def has_room(self, messages: int) -> bool:
+        """Whether so many more can be read for the next snapshot, whoever they are of; without a clock any number."""
+        return self._clock != "wall" or self._read + messages <= self._most
 
     def ingest(self, messages: Sequence[Raw], now_s: float) -> None:
         """Takes in what arrived for the control cycle at `now_s`: counted whatever it is, never raised."""
         if self._clock == "wall":  # a step waits for all of its messages to be read
-            messages, unread = within(messages, MESSAGES_EACH * self._parameters.service.max_vehicles, self._vehicles)
+            messages, unread = within(messages, self._most, self._vehicles, self._read)
             if unread:
                 self.received += unread
                 self.rejected["flood"] += unread
+        self._read += len(messages)
         for raw in messages:
             if raw.kind == "gone":
                 self.vanish(keys.vehicle_of(raw.key))
@@ -199,7 +208,7 @@ class Tracker:
 
         Vehicles that have left or been silent too long are dropped on the way, with an event each.
         """
-        self.reserved = reserved
+        self.reserved, self._read = reserved, 0
         self._refuse()
         present = self._ordered
         ids = self._names()

@@ -94,6 +94,27 @@ def test_of_too_many_messages_those_of_vehicles_that_are_there_are_read_and_the_
     )
 
 
+def test_what_has_been_read_before_is_on_the_account_of_those_who_are_not_there() -> None:
+    messages = [raw("here"), raw("x1"), raw("x2"), raw("x3")]
+    assert within(messages, 5, {"here"}, read=1) == (messages, 0)
+    assert within(messages, 5, {"here"}, read=2) == ([raw("here"), raw("x2"), raw("x3")], 1)
+    assert within(messages, 5, {"here"}, read=5) == ([raw("here")], 3)
+
+
+def test_a_control_cycle_reads_no_more_for_reading_ahead() -> None:
+    vehicles = tracker("wall", max_vehicles=MOST)
+    flood = [raw(f"junk {k}", payload=b"\xc1") for k in range(3 * MOST)]
+    assert vehicles.has_room(2 * MOST)
+    for _ in range(MOST):
+        vehicles.ingest(flood[:1], 10.0)
+    assert vehicles.has_room(MOST)
+    assert not vehicles.has_room(MOST + 1)
+    vehicles.ingest(flood, 10.0)
+    assert (vehicles.rejected["malformed"], vehicles.rejected["flood"]) == (2 * MOST, 2 * MOST)
+    vehicles.snapshot(100, 10.0)
+    assert vehicles.has_room(2 * MOST)
+
+
 def test_a_flood_is_counted_and_not_read_and_whoever_is_there_is_heard() -> None:
     vehicles = tracker("wall", max_vehicles=MOST)
     vehicles.ingest(spoken(state("here")), 10.0)

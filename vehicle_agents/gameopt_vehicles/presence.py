@@ -1,9 +1,9 @@
 """Which vehicles are there, as liveliness tokens, on sessions that are relieved before they hold too much.
 
 Both ends of a Zenoh session number the key of every token declared on it, and hold it until the session is
-closed: 1.5 kB for each at the hub, 1 kB here. A vehicle with a session of its own takes all of it along when it leaves. Here one process
-speaks for thousands of vehicles, one after the other: a session that has declared enough is relieved by a new
-one, and closed when its last vehicle has left.
+closed: 1.5 kB for each at the hub, 1 kB here. A vehicle with a session of its own takes all of it along when it
+leaves. Here one process speaks for thousands of vehicles, one after the other: a session that has declared enough
+is relieved by a new one, and closed when its last vehicle has left.
 """
 
 from __future__ import annotations

@@ -28,6 +28,7 @@ def commands_of(
     rank = np.full(len(snapshot), -1)
     rank[concluded.order] = np.arange(len(concluded.order))
     now_s = snapshot.time_s
+    valid_until_s = now_s + valid_s
     slots = np.where(concluded.slots < LATEST_S, np.maximum(0.0, now_s + concluded.slots), np.nan)  # NaN for none
     offers = limits.phase != INTRUDING
     columns = (concluded.speeds, slots, np.isnan(slots), rank, offers, snapshot.silent)
@@ -45,7 +46,7 @@ def commands_of(
                 cycle=snapshot.cycle,
                 time_s=now_s,
                 speed_mps=speed,
-                valid_until_s=now_s + valid_s,
+                valid_until_s=valid_until_s,
                 slot_s=None if slotless else slot,
                 clearance=_offer(reservation, now_s) if offered else None,
                 cleared=_known(reservation),

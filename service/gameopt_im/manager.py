@@ -109,8 +109,8 @@ class Manager:
     def read_ahead(self, messages: Sequence[Raw], time_s: float) -> None:
         """Read the next of the messages that the control cycle at `time_s` will be given, while others are waited for.
 
-        The same comes of it as of reading them there. What a flood begins with is left to be read there, for there
-        the newest are chosen, once.
+        The same comes of it as of reading them there, save in a flood: as much of it as fits may have been read by
+        then, and the rest is left to be read there, where the newest are chosen, once.
         """
         self._flooded = self._flooded or not self._tracker.has_room(len(messages))
         if not self._flooded:

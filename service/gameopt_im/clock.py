@@ -99,8 +99,8 @@ class WallClock:
     """Control cycles on the grid of the wall clock; `missed` counts those that never began.
 
     One begins `collect_s` after its grid point; sooner, once everybody who was heard for the last one has been heard
-    again since the grid point. Meanwhile `read` is given what has come, and the time it is for. `late_s` is how long
-    after the later moment the last one began, 0 before it.
+    again since the grid point. Meanwhile `read` is given what has come, and the time it is for; it returns how many of
+    the messages it has read. `late_s` is how long after the later moment the last one began, 0 before it.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class WallClock:
         collect_s: float,
         now: Callable[[], float] = time.time,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
-        read: Callable[[list[Raw], float], None] | None = None,
+        read: Callable[[list[Raw], float], int] | None = None,
     ) -> None:
         self.missed = 0
         self.late_s = 0.0
@@ -119,8 +119,10 @@ class WallClock:
         self._now = now
         self._sleep = sleep
         self._read = read
-        self._ahead: list[Raw] = []
-        """What has been read since the last control cycle."""
+        self._early: list[Raw] = []
+        """What has come since the last control cycle and was given to `read`."""
+        self._ahead = 0
+        """How many of them it has read."""
         self._last: int | None = None
         self._heard: set[str] = set()
         self._called: int | None = None
@@ -135,12 +137,12 @@ class WallClock:
             elif await self._complete(cycle, -late_s):
                 break
         self._last, self.late_s = cycle, max(0.0, late_s)
-        ahead, self._ahead = self._ahead, []
-        messages = ahead + self._drained()
+        messages, ahead = self._early + self._drained(), self._ahead
+        self._early, self._ahead = [], 0
         self._heard = {raw.key for raw in messages if raw.kind == "state"}
         self._call_roll(cycle + 1)
         left_s = self._grid.time_s(cycle + 1) - self._now()
-        return Tick(cycle, self._grid.time_s(cycle), messages, left_s=left_s, ahead=len(ahead))
+        return Tick(cycle, self._grid.time_s(cycle), messages, left_s=left_s, ahead=ahead)
 
     async def _complete(self, cycle: int, left_s: float) -> bool:
         """Sleeps and reads up to `left_s`; whether there is nobody to wait for any longer.
@@ -158,8 +160,8 @@ class WallClock:
             await self._sleep(early_s)  # everybody has left before the grid point
         if self._read is not None:
             messages = self._drained()
-            self._ahead += messages
-            self._read(messages, begins_s)
+            self._early += messages
+            self._ahead += self._read(messages, begins_s)
         return complete
 
     def _drained(self) -> list[Raw]:

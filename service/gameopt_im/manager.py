@@ -106,16 +106,18 @@ class Manager:
         self._ahead, self._flooded = 0, False
         self._ledger.clear()
 
-    def read_ahead(self, messages: Sequence[Raw], time_s: float) -> None:
+    def read_ahead(self, messages: Sequence[Raw], time_s: float) -> int:
         """Read the next of the messages that the control cycle at `time_s` will be given, while others are waited for.
 
-        The same comes of it as of reading them there, save in a flood: as much of it as fits may have been read by
-        then, and the rest is left to be read there, where the newest are chosen, once.
+        Returns how many it has read. In a flood as many as fit may have been read by then: none of the rest is, for
+        the control cycle chooses the newest of them, once.
         """
         self._flooded = self._flooded or not self._tracker.has_room(len(messages))
-        if not self._flooded:
-            self._tracker.ingest(messages, time_s)
-            self._ahead += len(messages)
+        if self._flooded:
+            return 0
+        self._tracker.ingest(messages, time_s)
+        self._ahead += len(messages)
+        return len(messages)
 
     async def control_cycle(
         self,

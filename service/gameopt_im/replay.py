@@ -29,8 +29,8 @@ class Decided(Protocol):
 class ControlCycle(Protocol):
     """The service: everything that is decided, from messages in to commands out."""
 
-    def read_ahead(self, messages: Sequence[Raw], time_s: float) -> None:
-        """Take in the first messages of the next control cycle."""
+    def read_ahead(self, messages: Sequence[Raw], time_s: float) -> int:
+        """Take in the first messages of the next control cycle; how many it took."""
 
     async def control_cycle(self, cycle: int, time_s: float, messages: list[Raw]) -> Decided:
         """One control cycle."""

@@ -209,10 +209,12 @@ def test_what_comes_is_read_while_others_are_waited_for() -> None:
     newcomer = [Raw("bid", b"b", "c")]
     inbox = Speaking(hands, [0.0015, 1.0], first, early, last, newcomer)
     read: list[tuple[float, list[Raw], float]] = []
-    clock = WallClock(
-        inbox, 0.02, hands.now, hands.sleep, lambda messages, time_s: read.append((hands.now_s, messages, time_s))
-    )
-    alone, together = ticks(clock, 2)
+
+    def reader(messages: list[Raw], time_s: float) -> int:
+        read.append((hands.now_s, messages, time_s))
+        return len(messages)
+
+    alone, together = ticks(WallClock(inbox, 0.02, hands.now, hands.sleep, reader), 2)
     assert (alone.messages, alone.ahead) == (first, 0)  # nobody was waited for
     assert together.messages == [state("a"), *last, *newcomer]
     assert together.ahead == 2
@@ -228,15 +230,25 @@ def test_what_was_read_for_a_control_cycle_that_was_slept_through_is_in_the_next
     inbox = Speaking(hands, [1.0] * 4, [state("a")], [state("b")])
     read: list[Raw] = []
 
-    def suspended(messages: list[Raw], time_s: float) -> None:
+    def suspended(messages: list[Raw], time_s: float) -> int:
         read.extend(messages)
         hands.now_s += 0.5 if messages else 0.0
+        return len(messages)
 
     clock = WallClock(inbox, 0.02, hands.now, hands.sleep, suspended)
     _, later = ticks(clock, 2)
     assert clock.missed > 0
     assert (read, later.messages) == ([state("b")], [state("b")])
     assert later.ahead == 1
+
+
+def test_what_its_reader_leaves_in_a_flood_comes_with_the_control_cycle_unread() -> None:
+    hands = Hands(EPOCH_S)
+    first, early, last = [state("a"), state("b")], [state("a"), state("x")], [state("y"), state("b")]
+    inbox = Speaking(hands, [0.0015, 1.0], first, early, last)
+    _, flooded = ticks(WallClock(inbox, 0.02, hands.now, hands.sleep, lambda them, _: 2 if them == early else 0), 2)
+    assert flooded.messages == early + last
+    assert flooded.ahead == 2
 
 
 def state(vehicle: str) -> Raw:

@@ -130,8 +130,9 @@ class Parrot:
         self.ahead: list[Raw] = []
         self.restarts = 0
 
-    def read_ahead(self, messages: Sequence[Raw], time_s: float) -> None:
+    def read_ahead(self, messages: Sequence[Raw], time_s: float) -> int:
         self.ahead.extend(messages)
+        return len(messages)
 
     async def control_cycle(self, cycle: int, time_s: float, messages: list[Raw]) -> Outcome:
         assert messages[: len(self.ahead)] == self.ahead

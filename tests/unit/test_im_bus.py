@@ -3,48 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import queue
-import socket
 import threading
 import time
-from collections.abc import AsyncIterator, Coroutine
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from pathlib import Path
-from typing import Any
 
 import pytest
 import zenoh
+from meeting import CHARTER, HERE, PATIENCE_S, free_endpoint, hub, run
 
-from gameopt_im.bus import Bus, BusError, configuration, endpoints
+from gameopt_im.bus import Bus, configuration
 from gameopt_im.inbox import Raw
 from gameopt_wire import codec, keys
 from gameopt_wire.messages import Command, LedgerEntry
-
-HERE = "cross/roads"
-CHARTER = b"the charter, prebuilt"
-PATIENCE_S = 10.0
-"""Nothing takes this long; a test that would otherwise hang fails instead."""
-
-
-def run(work: Coroutine[Any, Any, None]) -> None:
-    async def bounded() -> None:
-        async with asyncio.timeout(PATIENCE_S):
-            await work
-
-    asyncio.run(bounded(), debug=True)
-
-
-def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-@asynccontextmanager
-async def hub(endpoint: str) -> AsyncIterator[Bus]:
-    async with await Bus.open(HERE, configuration(listen=[endpoint]), CHARTER) as bus:
-        yield bus
 
 
 @asynccontextmanager
@@ -284,94 +256,3 @@ def test_a_vehicle_has_a_publisher_for_as_long_as_it_is_there(monkeypatch: pytes
             assert not bus._publishers
 
     run(work())
-
-
-def test_a_taken_port_is_one_line() -> None:
-    async def work() -> None:
-        endpoint = free_endpoint()
-        async with hub(endpoint):
-            with pytest.raises(BusError) as caught:
-                await Bus.open(HERE, configuration(listen=[endpoint]), CHARTER)
-        assert str(caught.value) == f"{endpoint}: Address already in use"
-
-    run(work())
-
-
-def test_nobody_at_the_other_end_is_one_line() -> None:
-    async def work() -> None:
-        endpoint = free_endpoint()
-        with pytest.raises(BusError) as caught:
-            await Bus.open(HERE, configuration(connect=[endpoint]), CHARTER)
-        assert str(caught.value) == f"{endpoint}: nobody listens there"
-
-    run(work())
-
-
-def test_a_second_manager_of_the_same_intersection_is_refused() -> None:
-    async def work() -> None:
-        endpoint = free_endpoint()
-        async with hub(endpoint):
-            with pytest.raises(BusError, match="a manager is already running"):
-                await Bus.open(HERE, configuration(connect=[endpoint]), CHARTER)
-            async with await Bus.open("elsewhere", configuration(connect=[endpoint]), CHARTER):
-                pass
-
-    run(work())
-
-
-@pytest.mark.parametrize("endpoint", ["tcp/127.0.0.1", "carrier-pigeon/127.0.0.1:7447", "7447", ""])
-def test_an_endpoint_that_is_none_is_one_line_that_names_it(endpoint: str) -> None:
-    async def work() -> None:
-        with pytest.raises(BusError) as caught:
-            await Bus.open(HERE, configuration(listen=[endpoint]), CHARTER)
-        message = str(caught.value)
-        assert message.startswith(f"{endpoint}: ")
-        assert "\n" not in message
-        assert ".rs" not in message
-
-    run(work())
-
-
-def test_without_a_file_nobody_is_looked_for_and_the_mode_follows_the_endpoints() -> None:
-    for listen, connect, mode in ((["tcp/127.0.0.1:1"], [], "router"), ([], ["tcp/127.0.0.1:1"], "client")):
-        config = configuration(listen=listen, connect=connect)
-        assert json.loads(config.get_json("mode")) == mode
-        assert json.loads(config.get_json("scouting/multicast/enabled")) is False
-        assert json.loads(config.get_json("scouting/gossip/enabled")) is False
-
-
-def test_a_users_own_file_is_taken_and_endpoints_given_replace_its_own(tmp_path: Path) -> None:
-    file = tmp_path / "zenoh.json5"
-    file.write_text('{ mode: "peer", listen: { endpoints: ["tcp/127.0.0.1:1"] } }')
-    config = configuration(zenoh_config=file)
-    assert json.loads(config.get_json("mode")) == "peer"
-    assert "127.0.0.1:1" in config.get_json("listen/endpoints")
-    config = configuration(listen=["tcp/127.0.0.1:2"], zenoh_config=file)
-    assert "127.0.0.1:2" in config.get_json("listen/endpoints")
-    assert "127.0.0.1:1" not in config.get_json("listen/endpoints")
-
-
-@pytest.mark.parametrize("text", ['{ mode: "rou', '{ mode: "banana" }', None])
-def test_a_broken_file_is_one_line_that_names_it(tmp_path: Path, text: str | None) -> None:
-    file = tmp_path / "zenoh.json5"
-    if text is not None:
-        file.write_text(text)
-    with pytest.raises(BusError) as caught:
-        configuration(zenoh_config=file)
-    message = str(caught.value)
-    assert message.startswith(f"{file}: ")
-    assert "\n" not in message
-    assert ".rs" not in message
-
-
-def test_where_the_session_is_found_is_told(tmp_path: Path) -> None:
-    assert endpoints(configuration(listen=["tcp/127.0.0.1:1", "tcp/127.0.0.1:2"])) == [
-        "tcp/127.0.0.1:1",
-        "tcp/127.0.0.1:2",
-    ]
-    assert endpoints(configuration(connect=["tcp/127.0.0.1:1"])) == ["tcp/127.0.0.1:1"]
-    file = tmp_path / "zenoh.json5"
-    file.write_text('{ mode: "router", listen: { endpoints: ["tls/0.0.0.0:7447"] } }')
-    assert endpoints(configuration(zenoh_config=file)) == ["tls/0.0.0.0:7447"]
-    file.write_text("{}")  # Zenoh's own mode and endpoint
-    assert len(endpoints(configuration(zenoh_config=file))) == 1

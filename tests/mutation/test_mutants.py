@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import shutil
-import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NoReturn
 
+import numba
 import pytest
 from mutants import MUTANTS, Mutant
 
 REPOSITORY = Path(__file__).parents[2]
 PACKAGES = ("service", "vehicle_agents", "sumo_gateway")
+FORKS = multiprocessing.get_context("forkserver")
+"""Each run has a process of its own that finds the libraries imported: they take longer than the tests."""
+FORKS.set_forkserver_preload(["hypothesis", "numba", "numpy", "pytest", "scipy.sparse", "shapely", "structlog"])
 LEFT_OUT = shutil.ignore_patterns("__pycache__", ".hypothesis", "*.pyc", "*.nbc", "*.nbi")
 PASSED, FAILED = 0, 1
 TIMEOUT_S = 60.0
@@ -49,17 +54,27 @@ def fresh(tree: Path, tmp_path: Path) -> Iterator[Path]:
 
 def run(copy: Path, *tests: str) -> tuple[int, str]:
     """(exit code, output) of tests in a copy, of its own code and not of the installed one."""
-    path = os.pathsep.join(str(copy / each) for each in PACKAGES)
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "--hypothesis-seed=0", *tests],
-        cwd=copy,
-        env=os.environ | {"PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", "NUMBA_DISABLE_JIT": "1"},
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT_S,
-        check=False,
-    )
-    return done.returncode, done.stdout + done.stderr
+    said = copy / "said.txt"
+    process = FORKS.Process(target=_tested, args=(copy, tests, said))
+    process.start()
+    process.join(TIMEOUT_S)
+    process.kill()  # a mutant may well run for ever
+    process.join()
+    assert process.exitcode is not None
+    return process.exitcode, said.read_text(encoding="utf-8")
+
+
+def _tested(copy: Path, tests: Sequence[str], said: Path) -> NoReturn:
+    """A process of `run`."""
+    file = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    for output in (1, 2):
+        os.dup2(file, output)
+    os.chdir(copy)
+    sys.path[:0] = [str(copy / each) for each in PACKAGES]
+    numba.config.DISABLE_JIT = 1  # compiling takes longer than the tests
+    os.environ["NUMBA_DISABLE_JIT"] = "1"
+    imported = "ignore:Module already imported:pytest.PytestAssertRewriteWarning"
+    sys.exit(pytest.main(["-q", "-x", "-p", "no:cacheprovider", "-W", imported, "--hypothesis-seed=0", *tests]))
 
 
 def mutate(copy: Path, mutant: Mutant) -> None:

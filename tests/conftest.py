@@ -22,12 +22,15 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """With `-n 2 --dist loadgroup` a file stays together, and the tests with processes of their own follow each other.
+    """With `-n 2 --dist loadgroup` a file stays together, and the tests of several processes follow each other.
 
     Two of those at once would want four processors.
     """
     for item in items:
-        group = "processes" if item.get_closest_marker("slow") else item.path.name
+        group = item.path.name
+        if item.get_closest_marker("processes"):
+            item.add_marker(pytest.mark.slow)
+            group = "processes"
         item.add_marker(pytest.mark.xdist_group(group))
 
 

@@ -165,14 +165,14 @@ def on_the_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
 
 
-@pytest.mark.slow
+@pytest.mark.processes
 def test_by_hand_it_runs_as_the_readme_says(tmp_path: Path) -> None:
     (tmp_path / ".venv").symlink_to(Path(sys.prefix))
     follow(ROOT / "README.md", tmp_path)
     assert (tmp_path / "out/report.json").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.processes
 def test_two_managers_share_a_network(tmp_path: Path) -> None:
     folder = tmp_path / "out/two-junctions"
     folder.mkdir(parents=True)
@@ -181,18 +181,18 @@ def test_two_managers_share_a_network(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.glob("*.json")) == ["report.east.json", "report.west.json"]
 
 
-@pytest.mark.slow
+@pytest.mark.processes
 def test_the_tutorial_leads_to_a_comparison(tmp_path: Path) -> None:
     follow(ROOT / "docs/tutorial.md", tmp_path)
     assert "| coop |" in (tmp_path / "comparison/report.md").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.processes
 def test_manager_and_vehicles_meet_over_tcp_and_tls(tmp_path: Path) -> None:
     follow(ROOT / "docs/two-machines.md", tmp_path, **{"192.0.2.10": "127.0.0.1"})
 
 
-@pytest.mark.slow
+@pytest.mark.processes
 def test_vehicles_get_through_where_messages_are_lost(tmp_path: Path) -> None:
     follow(ROOT / "docs/results/loss.md", tmp_path)
     report = json.loads((tmp_path / "report.json").read_text())

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import pytest
 import sumo
@@ -19,27 +16,13 @@ FLOWS_VEH_H = {
     "cross": 3000.0, "rilsa-3": 2400.0, "square": 1400.0,
 }  # fmt: skip
 DURATION_S = 90.0
-Runs = dict[str, Future[dict[str, Any]]]
 
 
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runs]:
-    """Every shape once, two at a time."""
-    with ThreadPoolExecutor(2) as pool:
-        started = {}
-        for name, flow in FLOWS_VEH_H.items():
-            folder = tmp_path_factory.mktemp(name)
-            place = site(name, folder)
-            config = place.scenario(folder, flow, 7, DURATION_S)
-            started[name] = pool.submit(
-                in_a_process, sumocfg=str(config), junction=place.junction, duration_s=DURATION_S
-            )
-        yield started
-
-
-@pytest.mark.parametrize("name", FLOWS_VEH_H)
-def test_nobody_collides_and_everybody_gets_across(runs: Runs, name: str) -> None:
-    found = runs[name].result()
+@pytest.mark.parametrize(("name", "flow_veh_h"), FLOWS_VEH_H.items())
+def test_nobody_collides_and_everybody_gets_across(tmp_path: Path, name: str, flow_veh_h: float) -> None:
+    place = site(name, tmp_path)
+    config = place.scenario(tmp_path, flow_veh_h, 7, DURATION_S)
+    found = in_a_process(sumocfg=str(config), junction=place.junction, duration_s=DURATION_S)
     vehicles, safety = found["vehicles"], found["safety"]
     assert safety["collisions_sumo"] == safety["collisions_geometric"] == safety["teleports"] == 0
     assert vehicles["entered"] > 20

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
@@ -66,28 +64,22 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return base
 
 
-def refused(files: Path, cases: Iterable[tuple[str, ...]]) -> dict[tuple[str, ...], Ended]:
-    """How each of the command lines ended; two run at a time."""
-    ended: dict[tuple[str, ...], Ended] = {}
+def ended(*words: object) -> Ended:
+    """How a command line ended."""
+    done: list[Ended] = []
 
     async def scenario() -> None:
-        free = asyncio.Semaphore(2)
-
-        async def one(case: tuple[str, ...]) -> None:
-            async with free:
-                ended[case] = await command(*(argument.replace("{files}", str(files)) for argument in case))
-
-        await asyncio.gather(*map(one, cases))
+        done.append(await command(*map(str, words)))
 
     run(scenario)
-    return ended
+    return done[0]
 
 
-def check(code: int, ended: Ended, *words: str) -> None:
+def check(code: int, refused: Ended, *words: str) -> None:
     """It ended with this code, and with one line on stderr that has these words; stdout stays empty."""
-    lines = ended.err.splitlines()
-    assert (ended.code, len(lines)) == (code, 1), ended.err
-    assert ended.out == ""
+    lines = refused.err.splitlines()
+    assert (refused.code, len(lines)) == (code, 1), refused.err
+    assert refused.out == ""
     assert lines[0].startswith("gameopt-")
     assert "Traceback" not in lines[0]
     for word in words:
@@ -146,14 +138,9 @@ CASES = [
 ]
 
 
-@pytest.fixture(scope="module")
-def endings(files: Path) -> dict[tuple[str, ...], Ended]:
-    return refused(files, (tuple(line.split()) for line, _ in CASES))
-
-
 @pytest.mark.parametrize(("line", "words"), CASES)
-def test_bad_input_is_one_line(endings: dict[tuple[str, ...], Ended], line: str, words: tuple[str, ...]) -> None:
-    check(BAD_INPUT, endings[tuple(line.split())], *words)
+def test_bad_input_is_one_line(files: Path, line: str, words: tuple[str, ...]) -> None:
+    check(BAD_INPUT, ended(*line.replace("{files}", str(files)).split()), *words)
 
 
 def test_a_machine_that_lacks_what_sumo_needs_is_told_so(files: Path) -> None:
@@ -176,9 +163,9 @@ def test_a_refused_report_is_left_as_it_was(files: Path, tmp_path: Path) -> None
     """Nothing is driven here, so a report of an earlier run has to be there still."""
     earlier, new = tmp_path / "earlier.json", tmp_path / "new.json"
     earlier.write_text("precious")
-    drive = ("gameopt_vehicles", "--sumo", "{files}/four-arm.sumocfg", "--connect", free_endpoint())
-    for ended in refused(files, [(*drive, "--report", str(report)) for report in (earlier, new)]).values():
-        check(NO_MANAGER, ended, "no manager listens")
+    drive = ("gameopt_vehicles", "--sumo", files / "four-arm.sumocfg", "--connect", free_endpoint())
+    for report in (earlier, new):
+        check(NO_MANAGER, ended(*drive, "--report", report), "no manager listens")
     assert earlier.read_text() == "precious"
     assert not new.exists()
 
@@ -199,8 +186,8 @@ def test_what_manager_and_vehicles_do_not_agree_on(files: Path, tmp_path: Path) 
                 (("--ignore-turn-speed",), "lockstep", ("--ignore-turn-speed",)),
                 (("--articulated",), "lockstep", ("map", "up to 12 m and 18.75 m", "--articulated")),
             ):
-                ended = await command("gameopt_vehicles", *driving(sumocfg, endpoint, *arguments, clock=clock))
-                check(NO_MANAGER, ended, *words)
+                refused = await command("gameopt_vehicles", *driving(sumocfg, endpoint, *arguments, clock=clock))
+                check(NO_MANAGER, refused, *words)
             second = await command("gameopt_im", "serve", "--listen", endpoint)
             check(BAD_INPUT, second, endpoint, "Address already in use")
 

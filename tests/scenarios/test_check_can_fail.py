@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,26 +13,12 @@ from gameopt_sumo.scenarios import FourArm, write_four_arm
 pytestmark = pytest.mark.slow
 
 BUSY_S = 36.0
-Runs = dict[str, Future[dict[str, Any]]]
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runs]:
-    """All runs of this module, two at a time: the same busy scenario, whole and with one thing broken."""
-    busy = write_four_arm(FourArm(flow_veh_h=10_000.0, seed=5, duration_s=60.0), tmp_path_factory.mktemp("busy"))
-    usual = write_four_arm(FourArm(flow_veh_h=6_000.0, seed=101, duration_s=90.0), tmp_path_factory.mktemp("usual"))
-    with ThreadPoolExecutor(2) as pool:
-        yield (
-            {
-                broken: pool.submit(in_a_process, sumocfg=str(busy), duration_s=BUSY_S, broken=broken)
-                for broken in ("", "margin", "rear end", "conflict area")
-            }
-            | {
-                inflated: pool.submit(in_a_process, sumocfg=str(busy), duration_s=BUSY_S, inflate_m=float(inflated))
-                for inflated in ("0.3", "1.1")
-            }
-            | {"usual": pool.submit(in_a_process, sumocfg=str(usual), duration_s=65.0, qp_share=True)}
-        )
+def busy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The scenario that is run whole, and with one thing broken."""
+    return write_four_arm(FourArm(flow_veh_h=10_000.0, seed=5, duration_s=60.0), tmp_path_factory.mktemp("busy"))
 
 
 def collisions(found: dict[str, Any]) -> int:
@@ -43,8 +28,8 @@ def collisions(found: dict[str, Any]) -> int:
     return count
 
 
-def test_nothing_collides_with_nothing_broken(runs: Runs) -> None:
-    found = runs[""].result()
+def test_nothing_collides_with_nothing_broken(busy: Path) -> None:
+    found = in_a_process(sumocfg=busy, duration_s=BUSY_S)
     assert found["vehicles"]["entered"] > 50
     assert found["vehicles"]["crossed"] > 20
     assert found["safety"]["collisions_sumo"] == collisions(found) == found["safety"]["teleports"] == 0
@@ -52,20 +37,21 @@ def test_nothing_collides_with_nothing_broken(runs: Runs) -> None:
 
 
 @pytest.mark.parametrize("broken", ["margin", "rear end", "conflict area"])
-def test_the_check_fails_once_it_should(runs: Runs, broken: str) -> None:
-    found = runs[broken].result()
+def test_the_check_fails_once_it_should(busy: Path, broken: str) -> None:
+    found = in_a_process(sumocfg=busy, duration_s=BUSY_S, broken=broken)
     assert collisions(found) > 0
     assert found["vehicles"]["entered"] > 50
 
 
-def test_bodies_a_little_larger_do_not_touch_either(runs: Runs) -> None:
-    assert collisions(runs["0.3"].result()) == 0
-    assert collisions(runs["1.1"].result()) > 0
+def test_bodies_a_little_larger_do_not_touch_either(busy: Path) -> None:
+    assert collisions(in_a_process(sumocfg=busy, duration_s=BUSY_S, inflate_m=0.3)) == 0
+    assert collisions(in_a_process(sumocfg=busy, duration_s=BUSY_S, inflate_m=1.1)) > 0
 
 
-def test_the_programs_are_no_decoration(runs: Runs) -> None:
+def test_the_programs_are_no_decoration(tmp_path: Path) -> None:
     """At 6,000 veh/h at least 5 % of the uncleared commands would differ on the programs' upper bounds."""
-    found = runs["usual"].result()
+    usual = write_four_arm(FourArm(flow_veh_h=6_000.0, seed=101, duration_s=90.0), tmp_path)
+    found = in_a_process(sumocfg=usual, duration_s=65.0, qp_share=True)
     assert found["safety"]["collisions_sumo"] == collisions(found) == 0
     assert found["solved"] > 400  # mostly one a control cycle: what cannot win is not solved
     assert found["uncleared_commands"] > 1000

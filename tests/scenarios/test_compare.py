@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.processes
 
 
 def compare(out: Path, *different: str) -> subprocess.CompletedProcess[str]:

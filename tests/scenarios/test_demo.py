@@ -18,7 +18,7 @@ DEMO = Path(__file__).parents[2] / "deploy" / "demo.py"
 PATIENCE_S = 180.0
 
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.processes,
     pytest.mark.skipif(not Path("/proc/self/cwd").exists(), reason="looks for processes in /proc"),
 ]
 

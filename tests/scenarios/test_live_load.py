@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from processes import command, free_endpoint, manager, run
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.processes
 
 VEHICLES, SECONDS = 12, 4
 STAGES = ["ingest", "snapshot", "auction", "programs", "interlock", "commands", "publish"]

@@ -17,7 +17,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from gameopt_im.web.address import DEFAULT
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.processes
 
 ANY_PORT = "127.0.0.1:0"
 

@@ -16,7 +16,7 @@ from gameopt_sumo.scenarios import FourArm, write_four_arm
 from gameopt_wire import codec, keys
 from gameopt_wire.messages import State
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.processes
 
 PRESENT = 60
 SHORT_OF_TIME = "[service]\nbudget_s = 0.001\n"

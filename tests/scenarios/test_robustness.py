@@ -16,7 +16,7 @@ from gameopt_sumo.scenarios import FourArm, write_four_arm
 from gameopt_wire import codec, keys
 from gameopt_wire.messages import CycleReport, State
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.processes
 
 HERE = "junction"
 

@@ -35,7 +35,7 @@ def made(folder: Path) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.processes
 def test_each_manager_serves_its_own_and_both_do_the_same_again(tmp_path: Path) -> None:
     reports = made(tmp_path / "first")
     for junction, report in reports.items():
@@ -46,7 +46,7 @@ def test_each_manager_serves_its_own_and_both_do_the_same_again(tmp_path: Path) 
     assert made(tmp_path / "again") == reports
 
 
-@pytest.mark.slow
+@pytest.mark.processes
 def test_a_vehicle_is_given_back_by_one_junction_before_the_other_takes_it(
     tmp_path: Path, run: Callable[..., Any]
 ) -> None:
@@ -56,7 +56,7 @@ def test_a_vehicle_is_given_back_by_one_junction_before_the_other_takes_it(
     assert max(found["gaps_s"]) < 0.25  # the one that looks first sees it given back a step later
 
 
-@pytest.mark.slow
+@pytest.mark.processes
 def test_junctions_too_near_each_other_are_refused_in_one_line(tmp_path: Path, run: Callable[..., Any]) -> None:
     said = run(sumo_runs.by_both, write_scenario(tmp_path, 60.0, 1, apart_m=180.0), ("west", "east"), 1)
     assert said.startswith("the control zone of junction 'east' begins ")

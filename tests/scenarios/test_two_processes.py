@@ -30,7 +30,7 @@ from gameopt_vehicles.report import Report
 from gameopt_vehicles.strategies import preference_of
 from gameopt_wire import codec
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.processes
 
 DURATION_S = 30.0
 SEED = 7

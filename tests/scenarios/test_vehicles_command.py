@@ -18,7 +18,7 @@ from stand_in import StandIn, hold_speed, run
 from gameopt_sumo.network import read_map
 from gameopt_sumo.scenarios import FourArm, write_four_arm
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.processes
 
 
 async def command(*arguments: str, during: Callable[[Any], Awaitable[None]] | None = None) -> tuple[int, str, str]:

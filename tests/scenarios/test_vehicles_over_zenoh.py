@@ -15,7 +15,7 @@ from gameopt_vehicles.fleet import Fleet, Settings
 from gameopt_vehicles.synthetic import SyntheticRoad
 from gameopt_wire import codec, keys
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.processes
 
 
 async def drive(manager: StandIn, present: int = 12, **settings: Any) -> Fleet:

@@ -14,7 +14,6 @@ Between states a vehicle is predicted (`tracking.predicted`), and marked silent 
 
 from __future__ import annotations
 
-from bisect import insort
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -29,6 +28,7 @@ from gameopt_im.core.parameters import Parameters
 from gameopt_im.core.snapshot import NONE, Bools, Ints, Snapshot
 from gameopt_im.core.tracking import LEFT, LOST, STALE, STAYS, Patience, fates, has_left
 from gameopt_im.inbox import Raw, within
+from gameopt_im.roster import Roster
 from gameopt_im.tracked import Body, Heard, Tracked, heard_of, picture, shared
 from gameopt_wire import codec, keys
 from gameopt_wire.intersection import IntersectionMap
@@ -92,11 +92,7 @@ class Tracker:
         service, stretch_m = parameters.service, parameters.exit.distance_m
         self._most = MESSAGES_EACH * service.max_vehicles
         self._patience = Patience(service.stale_s, service.hold_s, stretch_m, stretch_m + AFTER_EXIT_M)
-        self._vehicles: dict[str, Tracked] = {}
-        self._ordered: list[Tracked] = []
-        """The same by zone entry, then id."""
-        self._ids: tuple[str, ...] | None = ()
-        """Their ids, one tuple for as long as nobody comes or goes; None since somebody did."""
+        self._there = Roster()
         self.reserved: Collection[str] = _NOBODY
         """Who has a clearance, offered or accepted: they may not change their body. To be brought up to date once a
         control cycle has granted."""
@@ -109,9 +105,7 @@ class Tracker:
 
     def reset(self) -> None:
         """Forgets every vehicle without a word, as when lock-step time begins anew; counters go on."""
-        self._vehicles.clear()
-        self._ordered.clear()
-        self._ids = ()
+        self._there.clear()
         self.reserved = _NOBODY
         self._bids.clear()
         self._gone.clear()
@@ -125,7 +119,7 @@ class Tracker:
     def ingest(self, messages: Sequence[Raw], now_s: float) -> None:
         """Takes in what arrived for the control cycle at `now_s`: counted whatever it is, never raised."""
         if self._clock == "wall":  # a step waits for all of its messages to be read
-            messages, unread = within(messages, self._most, self._vehicles, self._read)
+            messages, unread = within(messages, self._most, self._there.by_id, self._read)
             if unread:
                 self.received += unread
                 self.rejected["flood"] += unread
@@ -148,7 +142,7 @@ class Tracker:
 
     def ingest_state(self, state: State, now_s: float) -> Reason | None:
         """Takes a state in; the reason where it is not taken."""
-        known = self._vehicles.get(state.vehicle)
+        known = self._there.by_id.get(state.vehicle)
         body = (state.movement, state.length_m, state.width_m, state.vehicle_class)
         if known is not None and known.body == body:
             reason = self._misplaced(state, known.movement, now_s) or _outdated(known.time_s, state)
@@ -162,7 +156,7 @@ class Tracker:
         reason = self._misplaced(state, movement, now_s) or self._uncovered(state) or _outdated(last_s, state)
         if reason is None and known and self._holds_clearance(known):
             reason = "changed"
-        if reason is None and known is None and len(self._vehicles) >= ENDLESS * self._parameters.service.max_vehicles:
+        if reason is None and known is None and len(self._there) >= ENDLESS * self._parameters.service.max_vehicles:
             reason = "overload"
         if reason is None:
             self._take(state, movement, known, now_s)
@@ -172,13 +166,13 @@ class Tracker:
         """Takes a bid in; it may come before its vehicle's first state. The reason where it is not taken."""
         known = self._bids.get(bid.vehicle)
         reason = self._wrong_time(bid.time_s, now_s) or _outdated(known.time_s if known else None, bid)
-        stranger = known is None and bid.vehicle not in self._vehicles
+        stranger = known is None and bid.vehicle not in self._there.by_id
         if reason is None and stranger and len(self._bids) >= self._parameters.service.max_vehicles:
             reason = "overload"
         if reason is None:
             self._bids[bid.vehicle] = bid
             self.bids += 1
-            vehicle = self._vehicles.get(bid.vehicle)
+            vehicle = self._there.by_id.get(bid.vehicle)
             if vehicle is not None and (known is None or known.assertiveness != bid.assertiveness):
                 vehicle.priority = assign(vehicle.bounds, bid.assertiveness)
                 vehicle.note()
@@ -189,14 +183,14 @@ class Tracker:
 
         Tokens travel beside the messages that a lock-step counts, so there they would make runs differ.
         """
-        known = self._vehicles.get(vehicle)
+        known = self._there.by_id.get(vehicle)
         if known is not None and self._clock == "wall":
             known.vanished = True
             known.note()
 
     def vehicle(self, name: str) -> Tracked | None:
         """What was last heard of a vehicle, not predicted; None for one that is not tracked."""
-        return self._vehicles.get(name)
+        return self._there.by_id.get(name)
 
     def take_events(self) -> list[Event]:
         """Who came and went since the last call."""
@@ -210,17 +204,14 @@ class Tracker:
         """
         self.reserved, self._read = reserved, 0
         self._refuse()
-        present = self._ordered
-        ids = self._names()
+        present, ids = self._there.ordered, self._there.ids
         heard = heard_of(present)
         held = np.array([*map(reserved.__contains__, ids)], dtype=np.bool_)
         become = self._fates(heard, held, time_s)
         if np.count_nonzero(become):
-            for vehicle, fate in zip(present, become.tolist(), strict=True):
-                if fate != STAYS:
-                    self._drop(vehicle, FATES[fate], time_s)
+            self._drop(present, become, time_s)
             heard, held = heard.only(become == STAYS), held[become == STAYS]
-            ids = self._names()
+            ids = self._there.ids
         self._forget(time_s)
         self.fallbacks = int(np.count_nonzero(heard.fallback))
         silent_s = SILENT_CYCLES[self._clock] * STEP_S
@@ -228,40 +219,27 @@ class Tracker:
 
     def _refuse(self) -> None:
         """Lets newcomers go where there are too many; they never came."""
-        excess = len(self._vehicles) - self._parameters.service.max_vehicles
+        excess = len(self._there) - self._parameters.service.max_vehicles
         if excess <= 0:
             return
-        came = [self._vehicles.get(event.vehicle) for event in self._events if event.kind == "entered"]
+        came = [self._there.by_id.get(event.vehicle) for event in self._events if event.kind == "entered"]
         names = refused([vehicle for vehicle in came if vehicle is not None], excess)
-        for name in names:
-            self._remove(name)
-            self.rejected["overload"] += 1
+        if not names:
+            return
+        self._there.remove(names)
+        self.rejected["overload"] += len(names)
         self._events = [event for event in self._events if event.kind != "entered" or event.vehicle not in names]
-
-    def _names(self) -> tuple[str, ...]:
-        if self._ids is None:
-            self._ids = tuple([vehicle.name for vehicle in self._ordered])
-        return self._ids
-
-    def _add(self, vehicle: Tracked) -> None:
-        self._ids = None
-        self._vehicles[vehicle.name] = vehicle
-        insort(self._ordered, vehicle, key=lambda each: (each.entered_s, each.name))
-
-    def _remove(self, name: str) -> None:
-        self._ids = None
-        vehicle = self._vehicles.pop(name)
-        self._ordered = [each for each in self._ordered if each is not vehicle]
 
     def _holds_clearance(self, vehicle: Tracked) -> bool:
         return vehicle.name in self.reserved or vehicle.last.accepted != NONE
 
-    def _drop(self, vehicle: Tracked, fate: EventKind, time_s: float) -> None:
-        name = vehicle.name
-        self._remove(name)
-        self._bids.pop(name, None)
-        self._gone[name] = vehicle.time_s
-        self._tell(fate, vehicle, time_s)
+    def _drop(self, present: Sequence[Tracked], become: Ints, time_s: float) -> None:
+        going = [(vehicle, fate) for vehicle, fate in zip(present, become.tolist(), strict=True) if fate != STAYS]
+        self._there.remove([vehicle.name for vehicle, _ in going])
+        for vehicle, fate in going:
+            self._bids.pop(vehicle.name, None)
+            self._gone[vehicle.name] = vehicle.time_s
+            self._tell(FATES[fate], vehicle, time_s)
 
     def _count(self, reason: Reason | None) -> Reason | None:
         self.received += 1
@@ -306,13 +284,13 @@ class Tracker:
                 return  # it still speaks of the way behind the exit; that is nobody's entry
             self._tell("entered", vehicle, now_s)
         if known is not None:
-            self._remove(state.vehicle)
-        self._add(vehicle)
+            self._there.remove([state.vehicle])
+        self._there.add(vehicle)
 
     def _forget(self, time_s: float) -> None:
         """Bids of vehicles that never came or have gone, and the gone, once their messages are too old to be taken."""
         oldest_s = time_s - self._parameters.service.stale_s
-        for name in self._bids.keys() - self._vehicles.keys():
+        for name in self._bids.keys() - self._there.by_id.keys():
             if self._bids[name].time_s < oldest_s:
                 del self._bids[name]
         for name in [name for name, last_s in self._gone.items() if last_s < oldest_s]:

@@ -42,7 +42,7 @@ PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
 DECISION, WITHOUT = "decision", "without programs"
 """Rows beside the stages: snapshot in, commands out, and the same less the programs."""
 SCHEMA = "gameopt-bench/2"
-LIBRARIES = ("gameopt", "daqp", "osqp", "numpy", "numba")
+LIBRARIES = ("gameopt", "osqp", "numpy", "numba")
 
 
 class Measured(msgspec.Struct, frozen=True):

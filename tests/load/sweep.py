@@ -28,7 +28,7 @@ from gameopt_sumo.compare.processes import BIN, Processes
 from gameopt_sumo.compare.results import figure
 from gameopt_sumo.figures import COLLISIONS
 
-LIBRARIES = ("gameopt", "eclipse-zenoh", "daqp", "osqp", "libsumo", "numpy", "numba")
+LIBRARIES = ("gameopt", "eclipse-zenoh", "osqp", "libsumo", "numpy", "numba")
 
 
 @dataclass(frozen=True)

@@ -373,16 +373,23 @@ MUTANTS = (
     Mutant(
         "a platoon whose rows forget who drives ahead",
         f"{CORE}/least_distance.py",
-        "rows[row_of(n, h, i + 1, 3, k), column] = -mean",
-        "rows[row_of(n, h, i + 1, 3, k), column] = 0.0",
+        "found = mean[k] - ahead[k]",
+        "found = ahead[k] - mean[k]",
         f"{UNIT}/test_active_set.py::test_who_follows_minds_who_is_ahead",
     ),
     Mutant(
         "a guess that what binds below binds above",
-        f"{CORE}/least_distance.py",
-        "out[i] = LOWER",
-        "out[i] = UPPER",
+        f"{CORE}/active_set.py",
+        "sign = 1.0 if guess > 0.0 else -1.0",
+        "sign = 1.0",
         f"{UNIT}/test_active_set.py::test_what_bound_is_right_at_once",
+    ),
+    Mutant(
+        "a guess that is never let go of",
+        f"{CORE}/active_set.py",
+        "if lam[w] < 0.0:",
+        "if lam[w] < -np.inf:",
+        f"{UNIT}/test_active_set.py::test_what_was_guessed_wrong_is_let_go_of",
     ),
     Mutant(
         "whatever a solver says taken for a solution",

@@ -6,6 +6,7 @@ import time
 from dataclasses import replace
 from itertools import pairwise
 
+import daqp
 import numpy as np
 import pytest
 from candidates import PLAY_MPS, RULES, contests, job
@@ -13,16 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse import csc_matrix
 
-from gameopt_im.core import horizon
-from gameopt_im.core.horizon import LONGEST, HorizonTask, Programmed
+from gameopt_im.core import active_set, horizon
+from gameopt_im.core.active_set import Found
+from gameopt_im.core.horizon import BOUND, LONGEST, MULTIPLIER, HorizonTask, column_of
 from gameopt_im.core.kinematics import NEVER
 from gameopt_im.core.parameters import Parameters
-from gameopt_im.core.program import Csc, Sparse
+from gameopt_im.core.program import QP, Sparse
 from gameopt_im.core.residuals import objective
 from gameopt_im.core.snapshot import Floats
-from gameopt_im.solver import active_set
 from gameopt_im.solver.horizon_job import HorizonJob, PlatoonJob
-from gameopt_im.solver.solution import Solution
 from gameopt_im.solver.workspace import Workspace, pattern
 
 ROUNDING = 1e-7
@@ -33,53 +33,75 @@ def dense(matrix: Sparse) -> Floats:
     return np.asarray(csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=(rows, columns)).toarray())
 
 
-def programs(made: list[HorizonJob]) -> list[Programmed]:
-    return [horizon.program(job.values, job.blocks) for job in made[0].programs()]
-
-
-def found(given: Programmed, blocks: tuple[float, ...]) -> Solution:
-    solution = active_set.solve(given, blocks, PLAY_MPS)
+def found(job: PlatoonJob, duals: Floats | None = None) -> Found:
+    """The solution, with other multipliers (n, 4, H) for the guess."""
+    values = job.values
+    if duals is not None:
+        values = values.copy()
+        values[:, column_of(len(job.blocks), 0, 0) + MULTIPLIER * len(job.blocks) :] = duals.reshape(len(values), -1)
+    solution = active_set.solve(values, job.blocks, PLAY_MPS)
     assert solution is not None
     return solution
+
+
+def program(job: PlatoonJob) -> QP:
+    return horizon.program(job.values, job.blocks)[0]
+
+
+def in_rows(duals: Floats) -> Floats:
+    """(m,) multipliers (n, 4, H) in the order of a platoon's rows."""
+    kinds = [duals[:, kind].ravel() for kind in range(3)]
+    return np.concatenate([*kinds, duals[1:, 3].ravel()])
 
 
 @given(made=contests())
 @settings(max_examples=100)
 def test_it_is_the_optimum(made: list[HorizonJob]) -> None:
     """The conditions of optimality: nothing violated, no gradient left, multipliers of the right sign on what binds."""
-    for each in programs(made):
-        solution, qp = found(each, made[0].rules.blocks), each.qp
-        x, y = solution.x, solution.y
-        assert solution.residual <= ROUNDING
+    for each in made[0].programs():
+        solution, qp = found(each), program(each)
+        x, y = solution.u.ravel(), in_rows(solution.duals)
+        ax = dense(qp.A) @ x
+        assert np.all((qp.l - ROUNDING <= ax) & (ax <= qp.u + ROUNDING))
+        assert solution.residual == pytest.approx(max(0.0, (qp.l - ax).max(), (ax - qp.u).max()), abs=1e-12)
         upper = dense(qp.P)
         gradient = (upper + np.triu(upper, 1).T) @ x + qp.q
         np.testing.assert_allclose(gradient + dense(qp.A).T @ y, 0.0, atol=1e-6 * (1.0 + np.abs(qp.q).max()))
-        ax = dense(qp.A) @ x
         assert np.all(np.abs(ax - qp.u)[y > ROUNDING] < ROUNDING)
         assert np.all(np.abs(ax - qp.l)[y < -ROUNDING] < ROUNDING)
 
 
 @given(made=contests())
 @settings(max_examples=30)
-def test_osqp_comes_to_the_same(made: list[HorizonJob]) -> None:
-    for each in programs(made):
-        other = Workspace(residual_mps=1e-5, max_iter=200_000).solve(pattern(each.qp), each.qp)
-        assert other is not None
-        mine = found(each, made[0].rules.blocks)
-        assert objective(each.qp, mine.x) == pytest.approx(objective(each.qp, other.x), rel=1e-4, abs=1e-3)
-        np.testing.assert_allclose(mine.x, other.x, atol=5e-3)
+def test_other_solvers_come_to_the_same(made: list[HorizonJob]) -> None:
+    """OSQP as near as it comes, and DAQP exactly: another active-set method, on dense rows."""
+    for each in made[0].programs():
+        qp, mine = program(each), found(each).u.ravel()
+        osqp = Workspace(residual_mps=1e-5, max_iter=200_000).solve(pattern(qp), qp)
+        assert osqp is not None
+        assert objective(qp, mine) == pytest.approx(objective(qp, osqp.x), rel=1e-4, abs=1e-3)
+        np.testing.assert_allclose(mine, osqp.x, atol=5e-3)
+        assert_as_daqp(qp, mine)
+
+
+def assert_as_daqp(qp: QP, mine: Floats) -> None:
+    upper = dense(qp.P)
+    cost, sense = upper + np.triu(upper, 1).T, np.zeros(len(qp.l), dtype=np.int32)
+    x, _, flag, _ = daqp.solve(cost, qp.q, dense(qp.A), qp.u, qp.l, sense, primal_tol=1e-9)
+    assert flag == 1
+    np.testing.assert_allclose(mine, x, atol=1e-6)
 
 
 @given(made=contests(), seed=st.integers(0, 2**32))
 @settings(max_examples=100)
 def test_the_guess_decides_nothing(made: list[HorizonJob], seed: int) -> None:
     random = np.random.default_rng(seed)
-    for each in programs(made):
-        plain = found(each, made[0].rules.blocks)
-        for y in (plain.y, random.normal(size=len(each.y)) * (random.random(len(each.y)) < random.random())):
-            guessed = found(each._replace(y=y), made[0].rules.blocks)
-            np.testing.assert_allclose(guessed.x, plain.x, atol=ROUNDING)
-        assert found(each._replace(y=plain.y), made[0].rules.blocks).iterations <= 2
+    for each in made[0].programs():
+        plain = found(each)
+        shape = plain.duals.shape
+        for duals in (plain.duals, random.normal(size=shape) * (random.random(shape) < random.random())):
+            np.testing.assert_allclose(found(each, duals).u, plain.u, atol=ROUNDING)
+        assert found(each, plain.duals).steps <= 2
 
 
 @given(made=contests())
@@ -101,8 +123,7 @@ def test_there_is_no_other_attempt_when_time_is_up(monkeypatch: pytest.MonkeyPat
     (platoon,) = job([5.0, 7.0], 0.0).programs()
     late = platoon._replace(until_s=time.monotonic())
     assert late.solve() is not None
-    monkeypatch.setattr(active_set, "STEPS", 0)
-    monkeypatch.setattr(active_set, "OPTIMAL", 0)
+    monkeypatch.setattr(active_set, "STEPS", -1)
     assert platoon.by_active_set() is None
     assert platoon.solve() is not None
     assert late.solve() is None
@@ -118,10 +139,9 @@ def test_guesses_from_elsewhere_on_full_platoons() -> None:
         assert other is not None
         plain = second.by_active_set()
         assert plain is not None
+        assert_as_daqp(program(second), plain.u.ravel())
         for duals in (best.duals, other.duals):
-            guessed = horizon.program(second.values, second.blocks)._replace(y=in_rows(duals))
-            solution = found(guessed, second.blocks)
-            np.testing.assert_allclose(solution.x, plain.u.ravel(), atol=ROUNDING)
+            np.testing.assert_allclose(found(second, duals).u, plain.u, atol=ROUNDING)
 
 
 def full_platoons(random: np.random.Generator) -> list[PlatoonJob]:
@@ -139,35 +159,19 @@ def full_platoons(random: np.random.Generator) -> list[PlatoonJob]:
     return [platoon for each in made for platoon in each.programs()]
 
 
-def in_rows(duals: Floats) -> Floats:
-    """(m,) multipliers (n, 4, H) in the order of a platoon's rows."""
-    n, h = len(duals), duals.shape[2]
-    y = np.zeros((4 * n - 1) * h)
-    for i in range(n):
-        for kind in range(4 if i else 3):
-            for k in range(h):
-                y[horizon.row_of(n, h, i, kind, k)] = duals[i, kind, k]
-    return y
+COLUMNS = {"P": 0, "q": 5, "l": 8, "u": 8 + 3 * BOUND}
+"""Where they begin in what a platoon of three blocks is given as."""
 
 
-@pytest.mark.parametrize("what", ["q", "l", "u", "P", "y"])
-def test_what_is_not_a_number_is_no_solution(what: str) -> None:
+@pytest.mark.parametrize("what", COLUMNS)
+@pytest.mark.parametrize("vehicle", [0, 1])
+def test_what_is_not_a_number_is_no_solution(what: str, vehicle: int) -> None:
     (platoon,) = job([5.0, 7.0], 0.0).programs()
-    given = horizon.program(platoon.values, platoon.blocks)
-    best = found(given, platoon.blocks)
-    if what == "y":  # a guess decides nothing
-        spoilt = active_set.solve(given._replace(y=np.full_like(given.y, np.nan)), platoon.blocks, PLAY_MPS)
-        assert spoilt is not None
-        np.testing.assert_allclose(spoilt.x, best.x, atol=ROUNDING)
-        return
-    for place in (0, -1):
-        qp = given.qp
-        if what == "P":
-            data = qp.P.data.copy()
-            data[place] = np.nan
-            qp = replace(qp, P=Csc((len(qp.q), len(qp.q)), data, qp.P.indices, qp.P.indptr))
-        else:
-            values = getattr(qp, what).copy()
-            values[place] = np.nan
-            qp = replace(qp, **{what: values})
-        assert active_set.solve(given._replace(qp=qp), platoon.blocks, PLAY_MPS) is None
+    platoon.values[vehicle, COLUMNS[what]] = np.nan
+    assert active_set.solve(platoon.values, platoon.blocks, PLAY_MPS) is None
+
+
+def test_a_guess_that_is_no_number_decides_nothing() -> None:
+    (platoon,) = job([5.0, 7.0], 0.0).programs()
+    plain = found(platoon)
+    np.testing.assert_allclose(found(platoon, np.full_like(plain.duals, np.nan)).u, plain.u, atol=ROUNDING)

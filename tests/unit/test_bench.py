@@ -65,7 +65,7 @@ def test_every_stage_has_its_percentiles(tmp_path: Path, capsys: pytest.CaptureF
     assert results.schema == "gameopt-bench/2"
     assert results.ratios == []
     assert {"auction", DECISION, WITHOUT} < {each.stage for each in results.growth}
-    assert {"python", "daqp", "osqp"} < results.versions.keys()
+    assert {"python", "osqp"} < results.versions.keys()
     assert [each.traffic for each in results.measured] == ["6 vehicles", "9 vehicles", "12 vehicles"]
     for each in results.measured:
         assert each.cycles == 25

@@ -177,11 +177,11 @@ def test_a_solver_that_is_not_installed_is_a_line(name: str, monkeypatch: pytest
     monkeypatch.setattr(solvers, "installed", lambda solver: None if solver == name else "1.0")
     there = {each: lambda _qp: np.full(2, 0.5) for each in solvers.OPTIONAL}
     monkeypatch.setattr(solvers, "OPTIONAL", there)
-    lines = {each.compares: each for each in programs.solver_ratios("60 vehicles", "programs", "DAQP", [program()] * 6)}
+    lines = {each.compares: each for each in programs.solver_ratios("60 vehicles", "programs", "mine", [program()] * 6)}
     for solver in there:
-        line = lines[f"{solver} / DAQP, programs"]
+        line = lines[f"{solver} / mine, programs"]
         assert (line.failed is None) == (solver != name)
-    assert lines[f"{name} / DAQP, programs"].failed == f"not installed: {solvers.EXTRA}"
+    assert lines[f"{name} / mine, programs"].failed == f"not installed: {solvers.EXTRA}"
 
 
 # The whole comparison, on real control cycles
@@ -195,7 +195,7 @@ def test_all_workers_decide_the_same_and_all_ways_solve(compared: list[Ratio]) -
         assert found[name].median is not None
         assert found[name].off == 0
     for solver in solvers.OPTIONAL:
-        for name in ("DAQP, horizon programs", "OSQP, the paper's program, reduced rows"):
+        for name in ("active set, horizon programs", "OSQP, the paper's program, reduced rows"):
             line = found[f"{solver} / {name}"]
             if solvers.installed(solver):
                 assert line.failed is None, line

@@ -25,7 +25,7 @@ EXACT_MPS, EXACT_ITERATIONS = 1e-5, 200_000
 """How exactly answers are checked: OSQP again, far beyond what a control cycle asks for."""
 SERVICE = "service"
 COLD = "OSQP set up for every program / kept, horizon programs"
-SPLITTING = "OSQP, kept / DAQP, horizon programs"
+SPLITTING = "OSQP, kept / active set, horizon programs"
 
 Answers = Sequence[Floats | None]
 """The solution x (nx,) of each program; None where there is none."""
@@ -71,7 +71,7 @@ def horizon_programs(moments: Sequence[Moment]) -> list[Programs]:
 def _horizon(job: HorizonJob, before: HorizonJob) -> Programs | None:
     """None where the exact solution is not found."""
     platoons = job.programs()
-    qps = [horizon.program(platoon.values, platoon.blocks).qp for platoon in platoons]
+    qps = [horizon.program(platoon.values, platoon.blocks)[0] for platoon in platoons]
     exact = _exact(qps)
     if exact is None:
         return None

@@ -50,7 +50,7 @@ async def compare(options: ServeOptions, vehicles: int, samples: int = SAMPLES) 
         _literal(traffic, caught, paper, options.workers),
         _rows(traffic, caught, paper),
         *programs.osqp_ratios(traffic, horizon),
-        *programs.solver_ratios(traffic, "horizon programs", "DAQP", horizon),
+        *programs.solver_ratios(traffic, "horizon programs", "active set", horizon),
         *programs.solver_ratios(traffic, "the paper's program, reduced rows", "OSQP", reduced),
     ]
 

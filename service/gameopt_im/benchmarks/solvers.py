@@ -1,8 +1,8 @@
 """Other solvers on the very programs that the service solves; extras (`pip install 'gameopt[bench]'`), never needed.
 
-Each takes a program as it is built, brings it into the solver's form and is set up for it anew. Both are interior-point
-methods, which a start from the last control cycle does not help. They are asked for about as much as OSQP is, not for
-all that they could reach; DAQP, which solves the horizon programs, can only be exact.
+Each takes a program as it is built, brings it into the solver's form and is set up for it anew. Clarabel and PIQP are
+interior-point methods, which a start from the last control cycle does not help. They are asked for about as much as
+OSQP is, not for all that they could reach; DAQP, an active-set method on dense matrices, can only be exact.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy import sparse
 
+from gameopt_im.core.active_set import VIOLATION_MPS
 from gameopt_im.core.corridor import FAR_MPS
 from gameopt_im.core.program import QP, Sparse
 from gameopt_im.core.snapshot import Floats
@@ -63,7 +64,17 @@ def piqp(qp: QP) -> Floats:
     return np.array(found.result.x)
 
 
-OPTIONAL: MappingProxyType[str, Solve] = MappingProxyType({"clarabel": clarabel, "piqp": piqp})
+def daqp(qp: QP) -> Floats:
+    """DAQP, to as much as the service's own active set: dense matrices, and nothing guessed."""
+    import daqp as solver
+
+    upper, a = _matrix(qp.P).toarray(), _matrix(qp.A).toarray()
+    sense = np.zeros(len(qp.l), dtype=np.int32)
+    x, _, _, _ = solver.solve(upper + np.triu(upper, 1).T, qp.q, a, qp.u, qp.l, sense, primal_tol=VIOLATION_MPS)
+    return np.array(x)
+
+
+OPTIONAL: MappingProxyType[str, Solve] = MappingProxyType({"clarabel": clarabel, "daqp": daqp, "piqp": piqp})
 """By their names in the package index."""
 
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -159,6 +159,18 @@ def cost(ps: Floats, pv: Floats, top: Floats, v: Floats, trade_off: float, h: in
     return data, q
 
 
+BOUND, REFERENCE, MULTIPLIER = 4, 8, 9
+"""How many times H columns beyond a row's lower bound `build` has its upper one and its multiplier; beyond that of the
+first kind of row, the approach law's speed.
+"""
+
+
+@kernel
+def column_of(h: int, kind: int, k: int) -> int:
+    """The column of `build` of the lower bound of a row: of four kinds, corridor, speed, change and rear end."""
+    return (3 + kind) * h - 1 + k
+
+
 def build(task: HorizonTask, rules: HorizonRules, slot: Floats, guess: Floats | None = None) -> Floats:
     """(n, 16 H - 1) the programs of one candidate, one after the other, since its platoons share no row.
 
@@ -181,53 +193,43 @@ def _side_by_side(data: Floats, q: Floats, lower: Floats, upper: Floats, referen
         values[i, :at] = data[i]
         for k in range(h):
             values[i, at + k] = q[i, k]
-            values[i, at + 9 * h + k] = reference[i, k]
+            values[i, column_of(h, 0, k) + REFERENCE * h] = reference[i, k]
             for kind in range(4):
-                row = at + h + kind * h + k
-                values[i, row], values[i, row + 4 * h] = lower[i, kind, k], upper[i, kind, k]
-                values[i, row + 9 * h] = duals[i, kind, k]
+                column = column_of(h, kind, k)
+                values[i, column], values[i, column + BOUND * h] = lower[i, kind, k], upper[i, kind, k]
+                values[i, column + MULTIPLIER * h] = duals[i, kind, k]
     return values
 
 
-class Programmed(NamedTuple):
-    """A platoon's program, and where to start: x (n * H,) and y (m,)."""
-
-    qp: QP
-    x: Floats
-    y: Floats
-
-
-def program(values: Floats, blocks: tuple[float, ...], scale: float = 1.0) -> Programmed:
-    """The program of a platoon with these rows of `build`, its cost and multipliers times `scale`.
+def program(values: Floats, blocks: tuple[float, ...], scale: float = 1.0) -> tuple[QP, Floats]:
+    """The program of a platoon with these rows of `build`, its cost times `scale`, and its reference (n * H,).
 
     All of one size have the same A.
     """
     count, h = len(values), len(blocks)
     pattern = _cost_pattern(count, h)
-    data, q, lower, upper, x, y = _in_rows(values, h, scale)
-    return Programmed(
-        QP(Csc(pattern.shape, data, pattern.indices, pattern.indptr), q, rows(count, blocks), lower, upper), x, y
-    )
+    data, q, lower, upper, reference = _in_rows(values, h, scale)
+    cost_matrix = Csc(pattern.shape, data, pattern.indices, pattern.indptr)
+    return QP(cost_matrix, q, rows(count, blocks), lower, upper), reference
 
 
 @kernel
-def _in_rows(values: Floats, h: int, scale: float) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
+def _in_rows(values: Floats, h: int, scale: float) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """What `build` put side by side, in the order of `rows`: kind by kind, of the last all but the first vehicle's."""
     n = values.shape[0]
-    data, q, x = np.empty(n * (2 * h - 1)), np.empty(n * h), np.empty(n * h)
-    lower, upper, y = np.empty((4 * n - 1) * h), np.empty((4 * n - 1) * h), np.empty((4 * n - 1) * h)
+    data, q, reference = np.empty(n * (2 * h - 1)), np.empty(n * h), np.empty(n * h)
+    lower, upper = np.empty((4 * n - 1) * h), np.empty((4 * n - 1) * h)
     at = 2 * h - 1
     for i in range(n):
         for k in range(at):
             data[i * at + k] = scale * values[i, k]
         for k in range(h):
             q[i * h + k] = scale * values[i, at + k]
-            x[i * h + k] = values[i, at + 9 * h + k]
+            reference[i * h + k] = values[i, column_of(h, 0, k) + REFERENCE * h]
             for kind in range(4 if i > 0 else 3):
-                row, column = row_of(n, h, i, kind, k), at + h + kind * h + k
-                lower[row], upper[row] = values[i, column], values[i, column + 4 * h]
-                y[row] = scale * values[i, column + 9 * h]
-    return data, q, lower, upper, x, y
+                row, column = row_of(n, h, i, kind, k), column_of(h, kind, k)
+                lower[row], upper[row] = values[i, column], values[i, column + BOUND * h]
+    return data, q, lower, upper, reference
 
 
 @kernel
@@ -246,6 +248,37 @@ def by_vehicle(values: Floats, n: int, scale: float) -> Floats:
             for k in range(h):
                 out[i, kind, k] = values[row_of(n, h, i, kind, k)] / scale
     return out
+
+
+@kernel
+def violation(values: Floats, u: Floats, way: Floats) -> float:
+    """The most that u (n, H) violates a row of the program `values`, m/s; not a number where something is none.
+
+    `way` (H, H) is `mean_speeds`.
+    """
+    n, h = u.shape
+    worst, ahead = 0.0, np.zeros(h)
+    for i in range(n):
+        mean = np.zeros(h)
+        for k in range(h):
+            for m in range(k + 1):
+                mean[k] += way[k, m] * u[i, m]
+            for kind in range(4 if i > 0 else 3):
+                if kind == 0:
+                    row = mean[k]
+                elif kind == 1:
+                    row = u[i, k]
+                elif kind == 2:
+                    row = u[i, k] - (u[i, k - 1] if k > 0 else 0.0)
+                else:
+                    row = mean[k] - ahead[k]
+                column = column_of(h, kind, k)
+                lower, upper = values[i, column], values[i, column + BOUND * h]
+                if np.isnan(row) or np.isnan(lower) or np.isnan(upper):
+                    return np.nan
+                worst = max(worst, lower - row, row - upper)
+        ahead = mean
+    return worst
 
 
 def first_speeds(task: HorizonTask, rules: HorizonRules, u: Floats) -> Floats:

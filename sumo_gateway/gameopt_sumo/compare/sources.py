@@ -12,7 +12,7 @@ from pathlib import Path
 from gameopt_wire import WIRE_VERSION
 
 PACKAGES = ("gameopt_wire", "gameopt_im", "gameopt_vehicles", "gameopt_sumo")
-LIBRARIES = ("gameopt", "eclipse-zenoh", "daqp", "osqp", "eclipse-sumo", "libsumo", "numpy", "numba", "scipy")
+LIBRARIES = ("gameopt", "eclipse-zenoh", "osqp", "eclipse-sumo", "libsumo", "numpy", "numba", "scipy")
 OPTIONAL = ("pyscipopt",)
 """Needed for one experiment alone, so that it may be installed later."""
 SHAPING = (".py", ".toml", ".json")

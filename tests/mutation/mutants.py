@@ -385,13 +385,6 @@ MUTANTS = (
         f"{UNIT}/test_active_set.py::test_what_bound_is_right_at_once",
     ),
     Mutant(
-        "a guess that is never let go of",
-        f"{CORE}/active_set.py",
-        "if lam[w] < 0.0:",
-        "if lam[w] < -np.inf:",
-        f"{UNIT}/test_active_set.py::test_what_was_guessed_wrong_is_let_go_of",
-    ),
-    Mutant(
         "whatever a solver says taken for a solution",
         "service/gameopt_im/solver/solution.py",
         "if worst <= residual_mps else None",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from gameopt_im.core import active_set
 from gameopt_im.core.active_set import Found
@@ -52,10 +53,13 @@ def test_what_bound_is_right_at_once() -> None:
     np.testing.assert_allclose(warm.u, cold.u, atol=1e-9)
 
 
-def test_what_was_guessed_wrong_is_let_go_of() -> None:
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_was_guessed_wrong_is_let_go_of(sign: float) -> None:
+    """Whichever row is said to bind, at either of its bounds."""
     values = close_pair()
     cold = solved(values)
-    values[:, GUESS:] = 1.0
-    wrong = solved(values)
-    assert wrong.steps > 0
-    np.testing.assert_allclose(wrong.u, cold.u, atol=1e-9)
+    for vehicle in range(2):
+        for column in range(GUESS, values.shape[1]):
+            values[:, GUESS:] = 0.0
+            values[vehicle, column] = sign
+            np.testing.assert_allclose(solved(values).u, cold.u, atol=1e-9)

@@ -26,7 +26,7 @@ def test_heavy_jobs_are_spread() -> None:
 
 def test_full_platoons_are_worth_a_workers_while_and_a_few_vehicles_are_not() -> None:
     full, single = (PlatoonJob(np.zeros((count, 127)), (1.0,) * 8, 1e-3).weight() for count in (LONGEST, 1))
-    assert [len(share) for share in share_out([full] * 8, 1)] == [5, 3]
+    assert [len(share) for share in share_out([full] * 8, 1)] == [6, 2]
     assert share_out([single] * 12, 1)[1] == []
 
 

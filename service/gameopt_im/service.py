@@ -9,7 +9,7 @@ from contextlib import AsyncExitStack
 
 import structlog
 
-from gameopt_im import scheduling, whole_way
+from gameopt_im import heap, scheduling, whole_way
 from gameopt_im.bus import Bus, configuration, endpoints
 from gameopt_im.clock import LockStep, WallClock
 from gameopt_im.garbage import BetweenCycles
@@ -61,7 +61,9 @@ async def serve(options: ServeOptions) -> None:
             endpoints=endpoints(config),
             realtime=realtime,
         )
-        await run(options, Manager(options, term, solver), bus, recorder, vitals, hub)
+        manager = Manager(options, term, solver)
+        heap.reserve()
+        await run(options, manager, bus, recorder, vitals, hub)
 
 
 async def run(

@@ -385,6 +385,13 @@ MUTANTS = (
         f"{UNIT}/test_active_set.py::test_what_bound_is_right_at_once",
     ),
     Mutant(
+        "speeds above a row's upper bound overlooked",
+        f"{CORE}/horizon.py",
+        "worst = max(worst, lower - row, row - upper)",
+        "worst = max(worst, lower - row)",
+        f"{UNIT}/test_horizon.py::test_a_violation_is_the_largest_of_any_row",
+    ),
+    Mutant(
         "whatever a solver says taken for a solution",
         "service/gameopt_im/solver/solution.py",
         "if worst <= residual_mps else None",

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.sparse import csc_matrix
 
 from gameopt_im.core import active_set, horizon
-from gameopt_im.core.active_set import Found
+from gameopt_im.core.active_set import PlatoonSolution
 from gameopt_im.core.horizon import BOUND, LONGEST, MULTIPLIER, HorizonTask, column_of
 from gameopt_im.core.kinematics import NEVER
 from gameopt_im.core.parameters import Parameters
@@ -33,7 +33,7 @@ def dense(matrix: Sparse) -> Floats:
     return np.asarray(csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=(rows, columns)).toarray())
 
 
-def found(job: PlatoonJob, duals: Floats | None = None) -> Found:
+def found(job: PlatoonJob, duals: Floats | None = None) -> PlatoonSolution:
     """The solution, with other multipliers (n, 4, H) for the guess."""
     values = job.values
     if duals is not None:

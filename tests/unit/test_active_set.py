@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gameopt_im.core import active_set
-from gameopt_im.core.active_set import Found
+from gameopt_im.core.active_set import PlatoonSolution
 from gameopt_im.core.horizon import MULTIPLIER, HorizonRules, HorizonTask, column_of
 from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.core.snapshot import Floats
@@ -30,7 +30,7 @@ def close_pair() -> Floats:
     return platoon.values
 
 
-def solved(values: Floats) -> Found:
+def solved(values: Floats) -> PlatoonSolution:
     found = active_set.solve(values, RULES.blocks, PLAY_MPS)
     assert found is not None
     return found

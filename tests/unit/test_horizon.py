@@ -15,6 +15,7 @@ from gameopt_im.core.corridor import SLACK_MPS, corridor, reference
 from gameopt_im.core.horizon import LONGEST, HorizonRules, HorizonTask, platoons
 from gameopt_im.core.kinematics import NEVER, Manner
 from gameopt_im.core.program import Sparse
+from gameopt_im.core.residuals import residual
 from gameopt_im.core.snapshot import Floats
 
 BLOCKS = (0.5, 0.5, 1.0)
@@ -196,3 +197,18 @@ def test_who_heads_a_later_platoon_stays_behind_the_reference_of_the_one_ahead()
         bound = np.maximum(ahead + gap, own) / ENDS + SLACK_MPS
         assert (made.u[CORRIDOR].reshape(3, H)[1] <= bound + 1e-9).all()
     assert (near.u[CORRIDOR].reshape(3, H)[1] < qp.u[CORRIDOR].reshape(3, H)[1]).any()
+
+
+@pytest.mark.parametrize("kind", [CORRIDOR, SPEED, CHANGE, REAR_END])
+def test_a_violation_is_the_largest_of_any_row(kind: int) -> None:
+    """Of random speeds, against the rows as a matrix: with the bounds of one kind alone, so that each has its turn."""
+    random, values = np.random.default_rng(3), horizon.build(TASK, RULES, SLOTS)[: TASK.counts[0]]
+    for other in {CORRIDOR, SPEED, CHANGE, REAR_END} - {kind}:
+        for k in range(H):
+            column = horizon.column_of(H, other, k)
+            values[:, column], values[:, column + horizon.BOUND * H] = -1e9, 1e9
+    qp, _ = horizon.program(values, BLOCKS)
+    tried = random.uniform(-30.0, 60.0, (20, len(values), H))
+    found = [horizon.violation(values, u, horizon.mean_speeds(BLOCKS)) for u in tried]
+    assert found == pytest.approx([residual(qp, u.ravel()) for u in tried])
+    assert max(found) > 0.0

@@ -24,7 +24,7 @@ def compiled() -> dict[str, int]:
     return {f"{each.__module__}.{each.__name__}": len(each.signatures) for each in kernels}
 
 
-@pytest.mark.processes
+@pytest.mark.slow
 def test_no_control_cycle_compiles() -> None:
     async def traffic_of(count: int, left_s: float | None) -> None:
         rehearsal = Rehearsal(OPTIONS.map, count)

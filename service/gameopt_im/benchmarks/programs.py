@@ -12,10 +12,11 @@ from gameopt_im.benchmarks.moments import Moment
 from gameopt_im.benchmarks.pairs import Ratio, Timed, in_turn, ratio, timed
 from gameopt_im.benchmarks.solvers import Solve
 from gameopt_im.core import horizon
+from gameopt_im.core.active_set import PlatoonSolution
 from gameopt_im.core.program import QP
 from gameopt_im.core.residuals import objective, residual
 from gameopt_im.core.snapshot import Floats
-from gameopt_im.solver.horizon_job import HorizonJob, PlatoonJob, PlatoonSolution
+from gameopt_im.solver.horizon_job import HorizonJob, PlatoonJob
 from gameopt_im.solver.jobs import PaperJob
 from gameopt_im.solver.workspace import Workspace, kept_workspace, pattern
 

@@ -117,7 +117,7 @@ def subtract(rows: Floats, z: Floats, times: float, i: int, kind: int, k: int) -
 
 
 @kernel
-def farthest(rows: Floats, values: Floats, z: Floats) -> tuple[int, int, int, float, float]:
+def most_violated(rows: Floats, values: Floats, z: Floats) -> tuple[int, int, int, float, float]:
     """The row that z violates most: vehicle, kind, block, 1 above its upper bound or -1 below its lower, and by how
     much, m/s; 0 with none.
     """

@@ -17,9 +17,10 @@ from typing import Any, Self, TypeAlias
 
 import numpy as np
 
+from gameopt_im.core.active_set import PlatoonSolution
 from gameopt_im.core.parameters import Parameters
 from gameopt_im.solver import horizon_job, jobs
-from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome, PlatoonJob, PlatoonSolution, WarmUp
+from gameopt_im.solver.horizon_job import HorizonJob, HorizonOutcome, PlatoonJob, WarmUp
 from gameopt_im.solver.pool import Counts, Pool
 from gameopt_wire.messages import Profile
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gameopt_im.core import active_set, duality, horizon
+from gameopt_im.core.active_set import PlatoonSolution
 from gameopt_im.core.horizon import LONGEST, HorizonRules, HorizonTask
 from gameopt_im.core.kinematics import manner_of
 from gameopt_im.core.parameters import Parameters
@@ -104,14 +105,6 @@ def least_costs(candidates: Sequence[HorizonJob], duals: Floats) -> list[float]:
     return [each.stake.cost(value) for each, value in zip(candidates, least.tolist(), strict=True)]
 
 
-class PlatoonSolution(NamedTuple):
-    """Speeds at the ends of the blocks (m, H), multipliers (m, 4, H), and the largest violation of a row, m/s."""
-
-    u: Floats
-    duals: Floats
-    residual: float
-
-
 class PlatoonJob(NamedTuple):
     """One program of a candidate: its rows of `horizon.build`."""
 
@@ -134,8 +127,7 @@ class PlatoonJob(NamedTuple):
 
     def by_active_set(self) -> PlatoonSolution | None:
         """The solution by what binds, which is as good as exactly kept."""
-        found = active_set.solve(self.values, self.blocks, self.residual_mps)
-        return None if found is None else PlatoonSolution(found.u, found.duals, found.residual)
+        return active_set.solve(self.values, self.blocks, self.residual_mps)
 
     def by_splitting(self) -> PlatoonSolution | None:
         """OSQP's, to the residual allowed, from the approach law's speeds: the guess may be at fault."""
@@ -145,7 +137,7 @@ class PlatoonJob(NamedTuple):
             return None
         count, h = len(self.values), len(self.blocks)
         multipliers = horizon.by_vehicle(solution.y, count, COST_SCALE)
-        return PlatoonSolution(solution.x.reshape(count, h), multipliers, solution.residual)
+        return PlatoonSolution(solution.x.reshape(count, h), multipliers, solution.residual, solution.iterations)
 
 
 def _workspace(residual_mps: float) -> Workspace:

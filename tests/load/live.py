@@ -14,18 +14,20 @@ import statistics
 import sys
 import threading
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 import psutil
-from machine import Evenness, evenness
+from control_cycles import AtSpeed, ControlCycles
+from machine import Pace
 
 from gameopt_sumo.compare.processes import ProcessError, Processes
 
-SAMPLE_S, SHORTEST_S, ALONE_S = 0.5, 10, 20.0
+SAMPLE_S, SHORTEST_S = 0.5, 10
 MB = 2**20
 WAY_P99_MS = {60: 5.0, 130: 10.0, 260: 25.0}
 """The target for the whole way by number of vehicles; the others hold at the largest."""
@@ -101,9 +103,13 @@ class Watch:
         spent = [sum(map(_processor_s, each)) for each in ([manager], workers, [vehicles])]
         self.samples.append(Sample(time.monotonic(), *spent, resident))
 
+    def measured(self, warmup_s: int) -> tuple[float, float]:
+        """From when to when both have been there, the warm-up left out, s."""
+        return self.samples[0].at_s + warmup_s, self.samples[-1].at_s
+
     def figures(self, warmup_s: int) -> dict[str, float]:
         """Shares of one core, %, memory, and by how much it grew: its median in the last tenth over the first."""
-        began_s = self.samples[0].at_s + warmup_s
+        began_s, _ = self.measured(warmup_s)
         kept = [sample for sample in self.samples if sample.at_s >= began_s]
         first, last = kept[0], kept[-1]
         over_s = last.at_s - first.at_s
@@ -148,13 +154,13 @@ class Line:
 
 @dataclass(frozen=True)
 class Measured:
-    """One load under one number of workers: the vehicles' report, what the processes used, the machine before it."""
+    """One load under one number of workers: the vehicles' report, what the processes used, and what was never slow."""
 
     load: Load
     workers: int
     report: dict[str, Any]
     used: dict[str, float]
-    alone: Evenness
+    at_speed: AtSpeed
 
     @property
     def missed(self) -> int:
@@ -166,7 +172,8 @@ class Measured:
         report, used = self.report, self.used
         way, trip = report["whole_way"], report["round_trip"]
         whole, late = way["whole"] or {}, way["late"] or {}
-        number = self.load.vehicles
+        number, at_speed = self.load.vehicles, self.at_speed
+        fast = {} if at_speed.whole is None else msgspec.structs.asdict(at_speed.whole)
         way_ms = next((most for count, most in sorted(WAY_P99_MS.items()) if number <= count), None)
         held = number <= LARGEST
         return [
@@ -197,8 +204,11 @@ class Measured:
             Line("vehicles, of one core", used["vehicles_percent"], " %"),
             Line("memory of manager and workers", used["resident_mb"], " MB"),
             Line("memory growth", used["growth_mb"], " MB", GROWTH_MB),
-            Line("the machine alone just before, the same job again and again, p50", self.alone.p50_ms, " ms"),
-            Line("the machine alone, p99", self.alone.p99_ms, " ms"),
+            Line("the processor slow, of the time", at_speed.slow_percent, " %"),
+            Line("control cycles in which it was not", at_speed.share_percent, " %"),
+            Line("whole way of those, p50", fast.get("p50_ms"), " ms"),
+            Line("whole way of those, p99", fast.get("p99_ms"), " ms", way_ms),
+            Line("whole way of those, max", fast.get("max_ms"), " ms", WAY_MAX_MS if held else None),
         ]
 
     def markdown(self) -> str:
@@ -221,12 +231,18 @@ def measure(load: Load, workers: int, options: list[str], warmup_s: int, out: Pa
     serve = ["--clock", "wall", "--workers", str(workers), *options]
     length = ["--duration", str(warmup_s + load.seconds), "--warmup", str(warmup_s)]
     drive = ["--clock", "wall", "--synthetic", str(load.vehicles), *length, "--report", str(report)]
-    alone = evenness(ALONE_S)
-    with Watch() as watch:
-        ran = Processes().two(serve, drive, folder)
-    if ran.code != 0 or not report.exists():
-        raise ProcessError(f"the vehicles ended with exit code {ran.code}; see {folder}")
-    return Measured(load, workers, json.loads(report.read_text()), watch.figures(warmup_s), alone)
+    processes = Processes()
+    with (
+        Watch() as watch,
+        processes.serving(serve, folder) as manager,
+        ControlCycles(manager.endpoint) as cycles,
+        Pace() as pace,
+    ):
+        code = processes.drive(manager.endpoint, drive, folder)
+    if code != 0 or not report.exists():
+        raise ProcessError(f"the vehicles ended with exit code {code}; see {folder}")
+    at_speed = cycles.at_speed(pace, *watch.measured(warmup_s))
+    return Measured(load, workers, json.loads(report.read_text()), watch.figures(warmup_s), at_speed)
 
 
 def written(measured: list[Measured], out: Path) -> str:
@@ -234,7 +250,7 @@ def written(measured: list[Measured], out: Path) -> str:
     where = f"{datetime.now(UTC):%Y-%m-%d}; python {platform.python_version()}, {psutil.cpu_count()} cores"
     text = "\n".join([f"# The live service under load\n\n{where}.\n", *(each.markdown() for each in measured)])
     (out / "load.md").write_text(text)
-    (out / "load.json").write_text(json.dumps([asdict(each) for each in measured], indent=2) + "\n")
+    (out / "load.json").write_bytes(msgspec.json.format(msgspec.json.encode(measured)) + b"\n")
     return text
 
 

@@ -10,11 +10,14 @@ import click
 import pytest
 
 sys.path.append(str(Path(__file__).parents[1] / "load"))
+from control_cycles import AtSpeed, ControlCycles
 from live import MB, Line, Load, Measured, Sample, Watch
-from machine import Evenness, evenness
+from machine import Pace
 
-ALONE = Evenness(4.0, 6.0)
+from gameopt_vehicles.timings import Spread
+
 SPREAD = {"p50_ms": 1.0, "p99_ms": 4.0, "p999_ms": 8.0, "max_ms": 9.0}
+AT_SPEED = AtSpeed(5.1, 93.0, Spread(p50_ms=1.0, p99_ms=3.5, p999_ms=4.0, max_ms=4.5))
 
 
 def report(missed: int) -> dict[str, Any]:
@@ -37,7 +40,7 @@ def report(missed: int) -> dict[str, Any]:
 
 def measured(vehicles: int, missed: int = 0) -> Measured:
     used = {"manager_percent": 40.0, "workers_percent": 25.0, "vehicles_percent": 10.0}
-    return Measured(Load(vehicles, 60), 1, report(missed), used | {"resident_mb": 400.0, "growth_mb": 0.5}, ALONE)
+    return Measured(Load(vehicles, 60), 1, report(missed), used | {"resident_mb": 400.0, "growth_mb": 0.5}, AT_SPEED)
 
 
 def test_shares_and_growth_are_those_after_the_warm_up() -> None:
@@ -85,6 +88,41 @@ def test_both_tables_are_written() -> None:
     assert measured(60, missed=2).missed == 2
 
 
-def test_the_machine_alone_is_measured_in_milliseconds_of_a_small_job() -> None:
-    alone = evenness(0.5)
-    assert 0.2 < alone.p50_ms <= alone.p99_ms < 500.0
+def test_what_nothing_slowed_is_held_up_to_the_same_target() -> None:
+    lines = {line.name: line for line in measured(60).lines()}
+    assert lines["the processor slow, of the time"].value == 5.1
+    assert lines["control cycles in which it was not"].value == 93.0
+    assert lines["whole way of those, p99"].row() == "| whole way of those, p99 | 3.5 ms | <= 5 ms | yes |"
+    assert lines["whole way of those, max"].most == 60.0
+
+
+def test_the_processor_was_slow_where_the_same_job_took_more_than_twice_its_median() -> None:
+    pace = Pace([0.00, 0.01, 0.02, 0.03, 0.04], [1.0, 1.0, 2.0, 2.1, 1.0])
+    assert pace.slow_percent == 20.0
+    # The slow job began at 0.03: what lies beside it is slow, too, for when it became so nobody knows.
+    spans = [(0.001, 0.009), (0.012, 0.018), (0.021, 0.029), (0.031, 0.039), (0.041, 0.05)]
+    assert pace.at_speed(spans) == [True, True, False, False, True]
+
+
+def test_nothing_was_slow_where_nothing_was_looked_at() -> None:
+    assert Pace().slow_percent == 0.0
+    assert Pace().at_speed([(0.0, 1.0)]) == [True]
+
+
+def test_only_control_cycles_in_time_that_nothing_slowed_count() -> None:
+    pace = Pace([0.01 * k for k in range(200)], [9.0 if 100 <= k < 110 else 1.0 for k in range(200)])
+    ways = [(0.4, 0.001), (0.6, 0.004), (0.8, 0.004), (1.05, 0.040), (1.3, 0.006), (1.7, 0.001)]
+    found = ControlCycles("", ways).at_speed(pace, 0.5, 1.5)
+    assert (found.slow_percent, found.share_percent) == (5.0, 75.0)
+    assert found.whole is not None
+    assert (found.whole.p50_ms, found.whole.max_ms) == (4.1, 6.0)
+    assert ControlCycles("").at_speed(pace, 0.5, 1.5) == AtSpeed(5.0, 0.0, None)
+
+
+def test_the_pace_is_kept_by_processor_time_on_a_thread_of_its_own() -> None:
+    with Pace() as pace:
+        while len(pace.took_s) < 5:
+            assert pace._thread.is_alive()
+    assert all(0.0 < took_s < 0.5 for took_s in pace.took_s)
+    assert pace.at_s == sorted(pace.at_s)
+    assert not pace._thread.is_alive()

@@ -39,6 +39,13 @@ class Ran(NamedTuple):
     code: int
 
 
+class Serving(NamedTuple):
+    """A manager at work: its process id, and where it listens."""
+
+    pid: int
+    endpoint: str
+
+
 class Processes:
     """Starts programs and, asked to stop, ends all that still run. Safe from several threads.
 
@@ -73,6 +80,13 @@ class Processes:
         Their logs go to `folder`. Raises `ProcessError` if the manager does not serve, or not to the end, and
         `Stopped`.
         """
+        with self.serving(serve, folder) as manager:
+            code = self.drive(manager.endpoint, drive, folder)
+        return Ran(manager.pid, code)
+
+    @contextmanager
+    def serving(self, serve: Sequence[Any], folder: Path) -> Iterator[Serving]:
+        """`gameopt-im serve` on a port of its own, ended when the context is left; raises as `two` does."""
         endpoint = f"tcp/127.0.0.1:{_free_port()}"
         command = [BIN / "gameopt-im", "serve", "--listen", endpoint, "--http", "off", *serve]
         with (
@@ -84,8 +98,7 @@ class Processes:
             rest = threading.Thread(target=log.writelines, args=[manager.stderr])
             rest.start()
             try:
-                vehicles = [BIN / "gameopt-vehicles", "--connect", endpoint, *drive]
-                code = self.run(vehicles, folder / VEHICLES_LOG)
+                yield Serving(manager.pid, endpoint)
             finally:
                 _end(manager)
                 rest.join()
@@ -94,7 +107,10 @@ class Processes:
             raise ProcessError(
                 f"the manager ended with exit code {manager.returncode}: {last_line(folder / MANAGER_LOG)}"
             )
-        return Ran(manager.pid, code)
+
+    def drive(self, endpoint: str, drive: Sequence[Any], folder: Path) -> int:
+        """`gameopt-vehicles` with the manager there, from start to end; the exit code. Raises `Stopped`."""
+        return self.run([BIN / "gameopt-vehicles", "--connect", endpoint, *drive], folder / VEHICLES_LOG)
 
     def _await_serving(self, lines: IO[str], log: IO[str]) -> None:
         last = "the manager ended before it served"

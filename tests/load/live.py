@@ -12,8 +12,8 @@ import json
 import platform
 import statistics
 import sys
-import threading
 import time
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,8 +22,9 @@ from typing import Any
 import click
 import msgspec
 import psutil
+from beside import Beside
 from control_cycles import AtSpeed, ControlCycles
-from machine import Pace
+from machine import Pace, cores
 
 from gameopt_sumo.compare.processes import ProcessError, Processes
 
@@ -70,30 +71,18 @@ class Sample:
 
 
 @dataclass
-class Watch:
-    """Looks at the processes that this one has started, until it is told to stop."""
+class Watch(Beside):
+    """Looks at the processes that this one has started."""
 
     samples: list[Sample] = field(default_factory=list)
-    _done: threading.Event = field(default_factory=threading.Event)
+    every_s: float = SAMPLE_S
 
-    def __enter__(self) -> Watch:
-        self._thread = threading.Thread(target=self._look)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._done.set()
-        self._thread.join()
-
-    def _look(self) -> None:
-        while not self._done.wait(SAMPLE_S):
-            try:
-                self._sample()
-            except psutil.NoSuchProcess:
-                continue  # it ended while it was looked at
+    def look(self) -> None:
+        """What they have used so far, while there are both manager and vehicles."""
+        with suppress(psutil.NoSuchProcess):  # it ended while it was looked at
+            self._sample()
 
     def _sample(self) -> None:
-        """Only while there are both manager and vehicles."""
         named = {name: child for child in psutil.Process().children() if (name := _command(child))}
         if len(named) < 2:
             return
@@ -204,8 +193,8 @@ class Measured:
             Line("vehicles, of one core", used["vehicles_percent"], " %"),
             Line("memory of manager and workers", used["resident_mb"], " MB"),
             Line("memory growth", used["growth_mb"], " MB", GROWTH_MB),
-            Line("the processor slow, of the time", at_speed.slow_percent, " %"),
-            Line("control cycles in which it was not", at_speed.share_percent, " %"),
+            Line("a core slow, of the time", at_speed.slow_percent, " %"),
+            Line("control cycles in which none was", at_speed.share_percent, " %"),
             Line("whole way of those, p50", fast.get("p50_ms"), " ms"),
             Line("whole way of those, p99", fast.get("p99_ms"), " ms", way_ms),
             Line("whole way of those, max", fast.get("max_ms"), " ms", WAY_MAX_MS if held else None),
@@ -232,16 +221,15 @@ def measure(load: Load, workers: int, options: list[str], warmup_s: int, out: Pa
     length = ["--duration", str(warmup_s + load.seconds), "--warmup", str(warmup_s)]
     drive = ["--clock", "wall", "--synthetic", str(load.vehicles), *length, "--report", str(report)]
     processes = Processes()
-    with (
-        Watch() as watch,
-        processes.serving(serve, folder) as manager,
-        ControlCycles(manager.endpoint) as cycles,
-        Pace() as pace,
-    ):
+    with ExitStack() as beside:
+        watch = beside.enter_context(Watch())
+        manager = beside.enter_context(processes.serving(serve, folder))
+        cycles = beside.enter_context(ControlCycles(manager.endpoint))
+        paces = [beside.enter_context(Pace(core)) for core in cores()]
         code = processes.drive(manager.endpoint, drive, folder)
     if code != 0 or not report.exists():
         raise ProcessError(f"the vehicles ended with exit code {code}; see {folder}")
-    at_speed = cycles.at_speed(pace, *watch.measured(warmup_s))
+    at_speed = cycles.at_speed(paces, *watch.measured(warmup_s))
     return Measured(load, workers, json.loads(report.read_text()), watch.figures(warmup_s), at_speed)
 
 

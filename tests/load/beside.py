@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import threading
+from abc import ABC, abstractmethod
 from typing import Self
 
 
-class Beside:
+class Beside(ABC):
     """As a context: `look` every `every_s` seconds, on a thread of its own, until the context is left."""
 
     every_s: float
@@ -21,14 +22,10 @@ class Beside:
         self._done.set()
         self._thread.join()
 
-    def begin(self) -> None:
-        """What there is to do on the thread before it looks for the first time."""
-
+    @abstractmethod
     def look(self) -> None:
         """Look once."""
-        raise NotImplementedError
 
     def _keep(self) -> None:
-        self.begin()
         while not self._done.wait(self.every_s):
             self.look()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import zenoh
-from machine import Pace
+from machine import FixedWork
 
 from gameopt_vehicles import bus
 from gameopt_vehicles.timings import Spread, Timings
@@ -18,7 +18,7 @@ from gameopt_wire import codec, keys
 class AtSpeed:
     """Control cycles in which no core was ever slow: their share, and the whole way of those.
 
-    `slow_percent` is how much of the time a core was slow (`machine.Pace`), on average.
+    `slow_percent` is how much of the time a core was slow (`machine.FixedWork`), on average.
     """
 
     slow_percent: float
@@ -49,14 +49,14 @@ class ControlCycles:
         if report.whole_ms is not None:
             self.ways.append((came_s, 1e-3 * report.whole_ms))
 
-    def at_speed(self, paces: Sequence[Pace], from_s: float, until_s: float) -> AtSpeed:
+    def at_speed(self, noise: Sequence[FixedWork], from_s: float, until_s: float) -> AtSpeed:
         """Of those that were reported in this time."""
         ways = [way for way in self.ways if from_s <= way[0] <= until_s]
         spans = [(came_s - whole_s, came_s) for came_s, whole_s in ways]
         whole = Timings()
-        for (_, whole_s), *at_speed in zip(ways, *(pace.at_speed(spans) for pace in paces), strict=True):
+        for (_, whole_s), *at_speed in zip(ways, *(core.at_speed(spans) for core in noise), strict=True):
             if all(at_speed):
                 whole.observe(whole_s)
-        slow = [slow for pace in paces for slow in pace.slow()]
+        slow = [slow for core in noise for slow in core.slow()]
         share = round(100.0 * whole.count / len(ways), 1) if ways else 0.0
         return AtSpeed(round(100.0 * sum(slow) / max(1, len(slow)), 1), share, whole.spread())

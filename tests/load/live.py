@@ -24,7 +24,7 @@ import msgspec
 import psutil
 from beside import Beside
 from control_cycles import AtSpeed, ControlCycles
-from machine import Pace, cores
+from machine import FixedWork, cores
 
 from gameopt_sumo.compare.processes import ProcessError, Processes
 
@@ -196,8 +196,8 @@ class Measured:
             Line("a core slow, of the time", at_speed.slow_percent, " %"),
             Line("control cycles in which none was", at_speed.share_percent, " %"),
             Line("whole way of those, p50", fast.get("p50_ms"), " ms"),
-            Line("whole way of those, p99", fast.get("p99_ms"), " ms", way_ms),
-            Line("whole way of those, max", fast.get("max_ms"), " ms", WAY_MAX_MS if held else None),
+            Line("whole way of those, p99", fast.get("p99_ms"), " ms"),
+            Line("whole way of those, max", fast.get("max_ms"), " ms"),
         ]
 
     def markdown(self) -> str:
@@ -225,11 +225,11 @@ def measure(load: Load, workers: int, options: list[str], warmup_s: int, out: Pa
         watch = beside.enter_context(Watch())
         manager = beside.enter_context(processes.serving(serve, folder))
         cycles = beside.enter_context(ControlCycles(manager.endpoint))
-        paces = [beside.enter_context(Pace(core)) for core in cores()]
+        noise = [beside.enter_context(FixedWork(core)) for core in cores()]
         code = processes.drive(manager.endpoint, drive, folder)
     if code != 0 or not report.exists():
         raise ProcessError(f"the vehicles ended with exit code {code}; see {folder}")
-    at_speed = cycles.at_speed(paces, *watch.measured(warmup_s))
+    at_speed = cycles.at_speed(noise, *watch.measured(warmup_s))
     return Measured(load, workers, json.loads(report.read_text()), watch.figures(warmup_s), at_speed)
 
 

@@ -144,7 +144,7 @@ class Manager:
 
         parameters = self.options.parameters
         load = Load(len(snapshot), int(np.count_nonzero(limits.phase == UNCLEARED)))
-        effort = self._pace.effort(load, self._stage_started - started, left_s)
+        effort = self._pace.effort(load, self._stage_started - started, left_s, 1e-3 * self._stages["snapshot"])
         who = planning.bidders(snapshot, self._ground, self._book, limits, parameters, max(1, effort.candidates))
         proposal = self._strategy.propose(snapshot, self._book, limits, who, self._order, effort)
         self._mark("auction")
@@ -190,8 +190,8 @@ class Manager:
 
     def published(self) -> None:
         """The commands of the last control cycle are out: what it took decides what the next one tries."""
-        sequences, programs = 1e-3 * self._stages["auction"], 1e-3 * self._stages["programs"]
-        self._pace.learn(Took(sequences, programs, time.perf_counter() - self._planned), *self._solved)
+        snapshot, sequences, programs = (1e-3 * self._stages[stage] for stage in ("snapshot", "auction", "programs"))
+        self._pace.learn(Took(sequences, programs, time.perf_counter() - self._planned, snapshot), *self._solved)
 
     def _mark(self, stage: str) -> None:
         now = time.perf_counter()

@@ -26,15 +26,20 @@ class Pace:
         self._beside = int(incumbent)
         self._top = vectors + self._beside
         self._programs = parameters.program.solve
-        self._budget_s = parameters.service.budget_s
+        self._budget_s, self._prompt_s = parameters.service.budget_s, parameters.service.prompt_s
         self._costs = Costs()
         self._ladder = Ladder(self._top)
+        self._slow = 1.0
+        """How many times as long as usual everything takes in this control cycle."""
         self._tried: tuple[Load, int] | None = None
         self._left_s = float("inf")
         self._elapsed_s = self._allowed_s = 0.0
 
-    def effort(self, load: Load, elapsed_s: float, left_s: float | None) -> Effort:
-        """What to try, `elapsed_s` after the beginning, which had `left_s` to the next grid point; None: everything."""
+    def effort(self, load: Load, elapsed_s: float, left_s: float | None, snapshot_s: float = 0.0) -> Effort:
+        """What to try, `elapsed_s` after the beginning, which had `left_s` to the next grid point; None: everything.
+
+        `snapshot_s` is how much of `elapsed_s` the snapshot took.
+        """
         self._tried = None
         if left_s is None or (self._top == 1 and not self._programs):  # or there is nothing to leave out
             return Effort(self._top - self._beside)
@@ -43,9 +48,12 @@ class Pace:
         steady_s, self._elapsed_s = min(elapsed_s, self._elapsed_s), elapsed_s
         self._ladder = budget.step(self._ladder, self._costs, load, self._budget_s - steady_s, self._top)
         self._say(before, load)
-        self._left_s = min(self._budget_s, left_s) - elapsed_s
-        level = min(self._ladder.level, budget.fitting(self._costs, load, self._left_s, self._top))
-        sequences = level or budget.without_programs(self._costs, load, self._left_s, self._top)
+        limit_s = budget.limit_s(self._costs, load, self._ladder.level, steady_s, self._prompt_s)
+        self._left_s = min(self._budget_s, limit_s, left_s) - elapsed_s
+        self._slow = budget.slowness(self._costs, load, snapshot_s)
+        costs = self._costs.times(self._slow)
+        level = min(self._ladder.level, budget.fitting(costs, load, self._left_s, self._top))
+        sequences = level or budget.without_programs(costs, load, self._left_s, self._top)
         self._tried = load, sequences
         if load.uncleared:
             self.dropped += self._top - sequences
@@ -56,7 +64,7 @@ class Pace:
         """How long the programs may take that begin `elapsed_s` after `effort`: what follows has its time, too."""
         if self._tried is None:
             return most_s
-        left_s = self._left_s - elapsed_s - budget.rest_s(self._costs, self._tried[0])
+        left_s = self._left_s - elapsed_s - budget.rest_s(self._costs.times(self._slow), self._tried[0])
         self._allowed_s = min(most_s, max(left_s, 0.0))
         return self._allowed_s
 
@@ -70,7 +78,7 @@ class Pace:
         elif not ready:
             begun = 0  # that they have no solution says nothing about how long one takes
         done = Done(sequences if load.uncleared else 0, begun, ready)
-        self._costs = budget.learned(self._costs, load, done, took)
+        self._costs = budget.learned(self._costs, load, done, took.over(self._slow))
 
     def _say(self, before: int, load: Load) -> None:
         """Once per change."""

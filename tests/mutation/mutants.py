@@ -422,9 +422,16 @@ MUTANTS = (
     Mutant(
         "candidates tried whatever the time",
         "service/gameopt_im/pace.py",
-        "level = min(self._ladder.level, budget.fitting(self._costs, load, self._left_s, self._top))",
+        "level = min(self._ladder.level, budget.fitting(costs, load, self._left_s, self._top))",
         "level = self._ladder.level",
         f"{UNIT}/test_pace.py::test_a_late_start_says_nothing_about_the_next_control_cycle",
+    ),
+    Mutant(
+        "a slow processor not noticed",
+        "service/gameopt_im/pace.py",
+        "costs = self._costs.times(self._slow)",
+        "costs = self._costs",
+        f"{UNIT}/test_pace.py::test_while_the_processor_is_slow_as_little_is_tried_and_nothing_is_learned_from_it",
     ),
     Mutant(
         "a vehicle with a clearance refused",

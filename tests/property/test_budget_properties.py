@@ -21,8 +21,10 @@ from gameopt_im.core.budget import (
     Took,
     fitting,
     learned,
+    limit_s,
     need_s,
     rest_s,
+    slowness,
     step,
     without_programs,
 )
@@ -32,7 +34,7 @@ TOP = 9
 BUDGET_S, DEADLINE_S = 0.06, 0.04
 seconds = st.floats(0.0, 0.2)
 each = st.floats(0.0, 1e-3)
-costs_ = st.builds(Costs, each, each, each)
+costs_ = st.builds(Costs, each, each, each, each)
 loads = st.builds(Load, st.integers(0, 1000), st.integers(0, 500))
 
 
@@ -93,7 +95,7 @@ def test_more_vehicles_never_mean_more_candidates(costs: Costs, load: Load, more
 
 
 @given(
-    took=st.lists(st.tuples(loads, st.builds(Took, *[st.floats(0.0, 10.0)] * 3), st.integers(0, 1)), max_size=50),
+    took=st.lists(st.tuples(loads, st.builds(Took, *[st.floats(0.0, 10.0)] * 4), st.integers(0, 1)), max_size=50),
     left_s=st.floats(-1.0, 0.1),
 )
 def test_whatever_was_measured_one_sequence_remains_and_estimates_stay_within_a_control_cycle(
@@ -166,6 +168,28 @@ def test_a_program_that_is_never_ready_in_time_makes_room_for_itself_then_is_lef
         costs = learned(costs, load, Done(sequences, int(ladder.level > UNSOLVED), 0), took)
     assert levels[0] == TOP
     assert UNSOLVED in levels
+
+
+@given(usual_s=st.floats(1e-4, 5e-3), slow=st.floats(1.0, 20.0), every=st.integers(3, 20))
+def test_what_a_snapshot_usually_takes_is_known_however_slow_some_are(usual_s: float, slow: float, every: int) -> None:
+    costs, load = Costs(), Load(260, 110)
+    for k in range(400):
+        snapshot_s = usual_s if k % every else usual_s * slow
+        costs = learned(costs, load, Done(TOP, 1, 1), Took(0.003, 0.003, 0.002, snapshot_s))
+    assert slowness(costs, load, usual_s) == pytest.approx(1.0, abs=0.2)
+    assert slowness(costs, load, usual_s * slow) == pytest.approx(slow, rel=0.2)
+    assert slowness(costs, load, 0.1 * usual_s) == 1.0
+
+
+@given(costs=costs_, load=loads, left_s=st.floats(0.0, 0.1), slow=st.floats(1.0, 20.0))
+def test_a_slow_processor_never_means_more(costs: Costs, load: Load, left_s: float, slow: float) -> None:
+    assert fitting(costs.times(slow), load, left_s, TOP) <= fitting(costs, load, left_s, TOP)
+
+
+@given(costs=costs_, load=loads, level=st.integers(UNSOLVED, TOP), before_s=st.floats(0.0, 0.03))
+def test_what_is_usual_fits_into_its_limit(costs: Costs, load: Load, level: int, before_s: float) -> None:
+    left_s = limit_s(costs, load, level, before_s, prompt_s=0.0) - before_s
+    assert fitting(costs, load, left_s, TOP) >= level
 
 
 def test_a_program_that_is_late_now_and_then_costs_nothing_else() -> None:

@@ -121,6 +121,42 @@ def test_one_control_cycle_held_up_says_nothing_about_the_next() -> None:
     assert pace.effort(LOAD, 0.001, 0.08) == (8, True)
 
 
+def usual(pace: Pace, load: Load, took: Took) -> None:
+    """Some control cycles that take the same."""
+    for _ in range(50):
+        assert pace.effort(load, took.snapshot, 0.08, took.snapshot) == (8, True)
+        pace.deadline_s(took.sequences, 0.04)
+        pace.learn(took, 9, 1, late=False)
+
+
+def test_while_the_processor_is_slow_as_little_is_tried_and_nothing_is_learned_from_it() -> None:
+    pace, took = Pace(options()), Took(0.003, 0.003, 0.002, 0.002)
+    usual(pace, LOAD, took)
+    assert pace.effort(LOAD, 0.018, 0.08, 0.018) == (0, False)
+    pace.learn(Took(0.009, 0.0, 0.018, 0.018), 0, 0, late=False)
+    usual(pace, LOAD, took)
+    assert (pace.dropped, pace.unsolved) == (8, 1)
+
+
+def test_what_takes_long_as_usual_is_not_cut_short_for_it() -> None:
+    usual(Pace(options()), Load(520, 380), Took(0.014, 0.010, 0.010, 0.006))
+
+
+@pytest.mark.parametrize(("text", "tried"), [("", (0, False)), ("[service]\nprompt_s = 0.03", (8, True))])
+def test_a_control_cycle_may_always_take_what_counts_as_prompt(text: str, tried: tuple[int, bool]) -> None:
+    pace = Pace(options(text))
+    usual(pace, LOAD, Took(0.0005, 0.0005, 0.0005, 0.001))
+    assert pace.effort(LOAD, 0.009, 0.08, 0.009) == tried
+
+
+def test_programs_end_with_what_a_control_cycle_usually_takes_twice() -> None:
+    pace = Pace(options())
+    usual(pace, LOAD, Took(0.003, 0.003, 0.002, 0.002))
+    pace.effort(LOAD, 0.002, 0.08, 0.002)
+    assert 0.0 < pace.deadline_s(0.003, 0.04) < 0.02
+    assert pace.deadline_s(0.020, 0.04) == 0.0  # the processor became slow in the auction
+
+
 def test_candidates_go_before_the_program_and_come_back_step_by_step() -> None:
     pace = Pace(options())
     pace.effort(LOAD, 0.001, 0.08)
@@ -141,8 +177,9 @@ def test_programs_are_due_before_what_follows_them() -> None:
     pace = Pace(options())
     pace.effort(LOAD, 0.001, 0.08)
     assert pace.deadline_s(0.002, 0.04) == 0.04
-    pace.learn(Took(0.001, 0.005, 0.010), 9, 1, late=False)
-    pace.effort(LOAD, 0.030, 0.08)
+    for _ in range(2):  # what happens twice is usual
+        pace.learn(Took(0.001, 0.005, 0.010), 9, 1, late=False)
+        pace.effort(LOAD, 0.030, 0.08)
     assert 0.0 < pace.deadline_s(0.002, 0.04) <= 0.06 - 0.030 - 0.002 - 0.5 * 0.010
     assert pace.deadline_s(0.050, 0.04) == 0.0
 

@@ -6,7 +6,8 @@ Theory of operation. The work is a ladder; each level takes in all below it:
     1      and its program
     1 + k  and k more sequences, by the first k weight vectors, and the program of q*
 
-On level 0 the time that no program can use goes to sequences again, as many as fit (`without_programs`).
+On level 0 the time that no program can use goes to sequences again, as many as fit (`without_programs`). While the
+processor is slow, as the snapshot tells (`slowness`), a control cycle has to fit into `PATIENCE` times its usual time.
 The interlock and the commands stand outside of the ladder: they are always worked out. What a level will cost follows
 from what earlier control cycles took, measured by whoever calls; no clock is read here. A cost rises at once and falls
 slowly, and so does the level fall and rise: down as soon as it does not fit, up by one, later to twice as much, after
@@ -37,6 +38,10 @@ LATE = 2.0
 """A program that was not ready in its time is taken to need so many times as long: if most are late, none fits."""
 SPARE = 0.8
 """The level rises only to what fits into this share of the time."""
+PATIENCE = 2.0
+"""A control cycle may take so many times what it usually takes before candidates are left out for that alone."""
+SLIP = 1.05
+"""The estimate of a snapshot goes up or down by this factor a control cycle: in the long run it is the median."""
 CALM_CYCLES, MOST_CALM_CYCLES = 5, 320
 """Control cycles with time to spare before the level rises: at first, and after many falls."""
 
@@ -56,19 +61,31 @@ class Effort(NamedTuple):
 
 
 class Costs(NamedTuple):
-    """Estimates, s: of one sequence and of one program, per uncleared vehicle; of what comes after, per vehicle."""
+    """Estimates, s: of one sequence and of one program, per uncleared vehicle; of what comes after, and of a snapshot,
+    per vehicle.
+    """
 
     sequence: float = 0.0
     program: float = 0.0
     rest: float = 0.0
+    snapshot: float = 0.0
+
+    def times(self, slow: float) -> Costs:
+        """What it costs while everything takes `slow` times as long."""
+        return self._replace(sequence=slow * self.sequence, program=slow * self.program, rest=slow * self.rest)
 
 
 class Took(NamedTuple):
-    """What a control cycle took, s: all of its sequences, all of its programs, and everything after these."""
+    """What a control cycle took, s: its sequences, its programs, everything after these, and the snapshot before."""
 
     sequences: float
     programs: float
     rest: float
+    snapshot: float = 0.0
+
+    def over(self, slow: float) -> Took:
+        """What it would have taken, had not everything after the snapshot taken `slow` times as long."""
+        return Took(self.sequences / slow, self.programs / slow, self.rest / slow, self.snapshot)
 
 
 class Done(NamedTuple):
@@ -89,6 +106,25 @@ class Ladder(NamedTuple):
     calm: int = 0
     patience: int = CALM_CYCLES
     rose: bool = True
+
+
+def slowness(costs: Costs, load: Load, snapshot_s: float) -> float:
+    """How many times as long as usual a snapshot took; 1 at the least.
+
+    Every control cycle works it out in the same way, so it tells how fast the processor is just now.
+    """
+    usual_s = costs.snapshot * (load.vehicles + HANDFUL)
+    return max(1.0, snapshot_s / usual_s) if usual_s else 1.0
+
+
+def limit_s(costs: Costs, load: Load, level: int, before_s: float, prompt_s: float) -> float:
+    """What a control cycle on a level may take, s: `PATIENCE` times what it usually does, and `prompt_s` in any case.
+
+    `before_s` is what its messages and snapshot usually take. Before anything is known there is no limit.
+    """
+    if not costs.sequence:
+        return float("inf")
+    return max(prompt_s, PATIENCE * (before_s + need_s(costs, load, level)))
 
 
 def rest_s(costs: Costs, load: Load) -> float:
@@ -136,9 +172,19 @@ def learned(costs: Costs, load: Load, done: Done, took: Took) -> Costs:
     if done.sequences:
         sequence = _towards(sequence, took.sequences / (done.sequences + SHARED) / planned, planned)
     if done.begun:
-        each = took.programs / done.ready if done.ready else LATE * took.programs
+        # Not to be ready in less than it takes says nothing.
+        each = took.programs / done.ready if done.ready else max(LATE * took.programs, costs.program * planned)
         program = costs.program + FALL * (min(each, STEP_S) / planned - costs.program)
-    return Costs(sequence, program, _towards(costs.rest, took.rest / present, present))
+    rest = _towards(costs.rest, took.rest / present, present)
+    return Costs(sequence, program, rest, _median(costs.snapshot, took.snapshot / present, present))
+
+
+def _median(estimate: float, measured: float, size: int) -> float:
+    """A step towards the median of what is measured, however far off one of them is."""
+    measured = min(measured, STEP_S / size)
+    if not estimate:
+        return measured
+    return min(measured, estimate * SLIP) if measured > estimate else max(measured, estimate / SLIP)
 
 
 def _towards(estimate: float, measured: float, size: int) -> float:

@@ -239,6 +239,15 @@ class Service(Section, frozen=True, kw_only=True):
         float,
         Meta(gt=0, le=0.1, description="wall clock: time of a control cycle that candidates have to fit into (s)"),
     ] = 0.06
+    prompt_s: Annotated[
+        float,
+        Meta(
+            ge=0,
+            le=0.1,
+            description="wall clock: a control cycle longer than this and than twice its usual time leaves out "
+            "candidates (s)",
+        ),
+    ] = 0.01
     command_valid_s: Annotated[
         float, Meta(ge=0.1, le=5, description="how long a command holds without a fresh one (s)")
     ] = 0.5

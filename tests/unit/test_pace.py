@@ -132,8 +132,8 @@ def usual(pace: Pace, load: Load, took: Took) -> None:
 def test_while_the_processor_is_slow_as_little_is_tried_and_nothing_is_learned_from_it() -> None:
     pace, took = Pace(options()), Took(0.003, 0.003, 0.002, 0.002)
     usual(pace, LOAD, took)
-    assert pace.effort(LOAD, 0.018, 0.08, 0.018) == (0, False)
-    pace.learn(Took(0.009, 0.0, 0.018, 0.018), 0, 0, late=False)
+    assert pace.effort(LOAD, 0.010, 0.08, 0.010) == (0, False)  # there would be time for all of it, were it not slow
+    pace.learn(Took(0.005, 0.0, 0.010, 0.010), 0, 0, late=False)
     usual(pace, LOAD, took)
     assert (pace.dropped, pace.unsolved) == (8, 1)
 

@@ -181,6 +181,13 @@ def test_what_a_snapshot_usually_takes_is_known_however_slow_some_are(usual_s: f
     assert slowness(costs, load, 0.1 * usual_s) == 1.0
 
 
+@given(program_s=st.floats(1e-3, 0.05), share=st.floats(0.0, 0.5))
+def test_a_program_that_had_less_time_than_it_takes_is_not_taken_to_be_quicker(program_s: float, share: float) -> None:
+    load, done = Load(260, 110), Done(TOP, 1, 0)
+    costs = learned(Costs(), load, Done(TOP, 1, 1), Took(0.003, program_s, 0.002, 0.002))
+    assert learned(costs, load, done, Took(0.003, share * need_s(costs, load, 1), 0.002)).program >= costs.program
+
+
 @given(costs=costs_, load=loads, left_s=st.floats(0.0, 0.1), slow=st.floats(1.0, 20.0))
 def test_a_slow_processor_never_means_more(costs: Costs, load: Load, left_s: float, slow: float) -> None:
     assert fitting(costs.times(slow), load, left_s, TOP) <= fitting(costs, load, left_s, TOP)

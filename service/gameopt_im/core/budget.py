@@ -6,12 +6,13 @@ Theory of operation. The work is a ladder; each level takes in all below it:
     1      and its program
     1 + k  and k more sequences, by the first k weight vectors, and the program of q*
 
-On level 0 the time that no program can use goes to sequences again, as many as fit (`without_programs`). While the
-processor is slow, as the snapshot tells (`slowness`), a control cycle has to fit into `PATIENCE` times its usual time.
-The interlock and the commands stand outside of the ladder: they are always worked out. What a level will cost follows
-from what earlier control cycles took, measured by whoever calls; no clock is read here. A cost rises at once and falls
-slowly, and so does the level fall and rise: down as soon as it does not fit, up by one, later to twice as much, after
-a number of control cycles with time to spare, a number that doubles whenever the level falls again.
+On level 0 the time that no program can use goes to sequences again, as many as fit (`without_programs`). A control
+cycle also has to fit into `PATIENCE` times its usual time (`limit_s`), and while the processor is slow, as the
+snapshot tells (`slowness`), what is left to do costs as many times more. The interlock and the commands stand outside
+of the ladder: they are always worked out. What a level will cost follows from what earlier control cycles took,
+measured by whoever calls; no clock is read here. A cost rises at once and falls slowly, and so does the level fall and
+rise: down as soon as it does not fit, up by one, later to twice as much, after a number of control cycles with time to
+spare, a number that doubles whenever the level falls again.
 """
 
 from __future__ import annotations

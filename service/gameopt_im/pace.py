@@ -27,7 +27,7 @@ class Pace:
         self._top = vectors + self._beside
         self._programs = parameters.program.solve
         self._budget_s, self._prompt_s = parameters.service.budget_s, parameters.service.prompt_s
-        self._costs = Costs()
+        self._costs = self._usual = Costs()
         self._ladder = Ladder(self._top)
         self._slow = 1.0
         """How many times as long as usual everything takes in this control cycle."""
@@ -48,11 +48,13 @@ class Pace:
         steady_s, self._elapsed_s = min(elapsed_s, self._elapsed_s), elapsed_s
         self._ladder = budget.step(self._ladder, self._costs, load, self._budget_s - steady_s, self._top)
         self._say(before, load)
-        limit_s = budget.limit_s(self._costs, load, self._ladder.level, steady_s, self._prompt_s)
-        self._left_s = min(self._budget_s, limit_s, left_s) - elapsed_s
-        self._slow = budget.slowness(self._costs, load, snapshot_s)
-        costs = self._costs.times(self._slow)
-        level = min(self._ladder.level, budget.fitting(costs, load, self._left_s, self._top))
+        limit_s = budget.limit_s(self._usual, load, self._ladder.level, steady_s, self._prompt_s) - elapsed_s
+        left_s = min(self._budget_s, left_s) - elapsed_s
+        self._left_s = min(left_s, limit_s)
+        self._slow = budget.slowness(self._usual, load, snapshot_s)
+        costs, usual = self._costs.times(self._slow), self._usual.times(self._slow)
+        fits = (budget.fitting(costs, load, left_s, self._top), budget.fitting(usual, load, limit_s, self._top))
+        level = min(self._ladder.level, *fits)
         sequences = level or budget.without_programs(costs, load, self._left_s, self._top)
         self._tried = load, sequences
         if load.uncleared:
@@ -64,8 +66,10 @@ class Pace:
         """How long the programs may take that begin `elapsed_s` after `effort`: what follows has its time, too."""
         if self._tried is None:
             return most_s
-        left_s = self._left_s - elapsed_s - budget.rest_s(self._costs.times(self._slow), self._tried[0])
-        self._allowed_s = min(most_s, max(left_s, 0.0))
+        load = self._tried[0]
+        left_s = self._left_s - elapsed_s - budget.rest_s(self._costs.times(self._slow), load)
+        limit_s = budget.programs_limit_s(self._usual, load, self._prompt_s)
+        self._allowed_s = min(most_s, limit_s, max(left_s, 0.0))
         return self._allowed_s
 
     def learn(self, took: Took, begun: int, ready: int, late: bool) -> None:
@@ -78,7 +82,9 @@ class Pace:
         elif not ready:
             begun = 0  # that they have no solution says nothing about how long one takes
         done = Done(sequences if load.uncleared else 0, begun, ready)
-        self._costs = budget.learned(self._costs, load, done, took.over(self._slow))
+        took = took.over(self._slow)
+        self._costs = budget.learned(self._costs, load, done, took)
+        self._usual = budget.accustomed(self._usual, load, done, took)
 
     def _say(self, before: int, load: Load) -> None:
         """Once per change."""

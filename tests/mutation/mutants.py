@@ -422,16 +422,30 @@ MUTANTS = (
     Mutant(
         "candidates tried whatever the time",
         "service/gameopt_im/pace.py",
-        "level = min(self._ladder.level, budget.fitting(costs, load, self._left_s, self._top))",
+        "level = min(self._ladder.level, *fits)",
         "level = self._ladder.level",
         f"{UNIT}/test_pace.py::test_a_late_start_says_nothing_about_the_next_control_cycle",
     ),
     Mutant(
         "a slow processor not noticed",
         "service/gameopt_im/pace.py",
-        "costs = self._costs.times(self._slow)",
-        "costs = self._costs",
+        "costs, usual = self._costs.times(self._slow), self._usual.times(self._slow)",
+        "costs, usual = self._costs, self._usual",
         f"{UNIT}/test_pace.py::test_while_the_processor_is_slow_as_little_is_tried_and_nothing_is_learned_from_it",
+    ),
+    Mutant(
+        "programs that may take whatever is left",
+        "service/gameopt_im/pace.py",
+        "min(most_s, limit_s, max(left_s, 0.0))",
+        "min(most_s, max(left_s, 0.0))",
+        f"{UNIT}/test_pace.py::test_programs_may_take_twice_what_they_usually_take_together[0.003-0.006]",
+    ),
+    Mutant(
+        "one slow control cycle taken to be usual",
+        "service/gameopt_im/pace.py",
+        "budget.limit_s(self._usual, ",
+        "budget.limit_s(self._costs, ",
+        f"{UNIT}/test_pace.py::test_one_slow_auction_makes_no_room_for_the_next_one",
     ),
     Mutant(
         "a vehicle with a clearance refused",

@@ -12,6 +12,7 @@ from gameopt_im.core.budget import (
     ALONE,
     MOST_CALM_CYCLES,
     SHARED,
+    SLIP,
     SPARE,
     UNSOLVED,
     Costs,
@@ -19,6 +20,7 @@ from gameopt_im.core.budget import (
     Ladder,
     Load,
     Took,
+    accustomed,
     fitting,
     learned,
     limit_s,
@@ -34,7 +36,7 @@ TOP = 9
 BUDGET_S, DEADLINE_S = 0.06, 0.04
 seconds = st.floats(0.0, 0.2)
 each = st.floats(0.0, 1e-3)
-costs_ = st.builds(Costs, each, each, each, each)
+costs_ = st.builds(Costs, *[each] * 5)
 loads = st.builds(Load, st.integers(0, 1000), st.integers(0, 500))
 
 
@@ -172,13 +174,21 @@ def test_a_program_that_is_never_ready_in_time_makes_room_for_itself_then_is_lef
 
 @given(usual_s=st.floats(1e-4, 5e-3), slow=st.floats(1.0, 20.0), every=st.integers(3, 20))
 def test_what_a_snapshot_usually_takes_is_known_however_slow_some_are(usual_s: float, slow: float, every: int) -> None:
-    costs, load = Costs(), Load(260, 110)
+    usual, load = Costs(), Load(260, 110)
     for k in range(400):
         snapshot_s = usual_s if k % every else usual_s * slow
-        costs = learned(costs, load, Done(TOP, 1, 1), Took(0.003, 0.003, 0.002, snapshot_s))
-    assert slowness(costs, load, usual_s) == pytest.approx(1.0, abs=0.2)
-    assert slowness(costs, load, usual_s * slow) == pytest.approx(slow, rel=0.2)
-    assert slowness(costs, load, 0.1 * usual_s) == 1.0
+        usual = accustomed(usual, load, Done(TOP, 1, 1), Took(0.003, 0.003, 0.002, snapshot_s))
+    assert slowness(usual, load, usual_s) == pytest.approx(1.0, abs=0.2)
+    assert slowness(usual, load, usual_s * slow) == pytest.approx(slow, rel=0.2)
+    assert slowness(usual, load, 0.1 * usual_s) == 1.0
+
+
+@given(load=loads, took=st.builds(Took, *[st.floats(1e-4, 0.1)] * 4), many=st.floats(1.0, 1000.0))
+def test_one_control_cycle_moves_little_of_what_is_usual(load: Load, took: Took, many: float) -> None:
+    done = Done(TOP, 1, 1)
+    before = accustomed(Costs(), load, done, took)
+    after = accustomed(before, load, done, Took(*(many * each_s for each_s in took)))
+    assert all(one <= other <= SLIP * one for one, other in zip(before, after, strict=True))
 
 
 @given(program_s=st.floats(1e-3, 0.05), share=st.floats(0.0, 0.5))

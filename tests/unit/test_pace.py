@@ -157,6 +157,26 @@ def test_programs_end_with_what_a_control_cycle_usually_takes_twice() -> None:
     assert pace.deadline_s(0.020, 0.04) == 0.0  # the processor became slow in the auction
 
 
+@pytest.mark.parametrize(
+    ("programs_s", "may_take_s"),
+    [(0.003, 0.006), (0.0001, 0.002)],  # a fifth of what is prompt for a control cycle may always be taken
+)
+def test_programs_may_take_twice_what_they_usually_take_together(programs_s: float, may_take_s: float) -> None:
+    pace, took = Pace(options()), Took(0.003, programs_s, 0.002, 0.002)
+    usual(pace, LOAD, took)
+    pace.effort(LOAD, took.snapshot, 0.08, took.snapshot)
+    assert pace.deadline_s(took.sequences, 0.04) == pytest.approx(may_take_s)
+
+
+def test_one_slow_auction_makes_no_room_for_the_next_one() -> None:
+    pace, took = Pace(options()), Took(0.003, 0.003, 0.002, 0.002)
+    usual(pace, LOAD, took)
+    pace.effort(LOAD, 0.002, 0.08, 0.002)
+    pace.learn(took._replace(sequences=0.030, rest=0.020), 0, 0, late=False)
+    assert pace.effort(LOAD, 0.002, 0.08, 0.002) == (8, True)
+    assert pace.deadline_s(0.020, 0.04) == 0.0
+
+
 def test_candidates_go_before_the_program_and_come_back_step_by_step() -> None:
     pace = Pace(options())
     pace.effort(LOAD, 0.001, 0.08)

@@ -6,13 +6,16 @@ Theory of operation. The work is a ladder; each level takes in all below it:
     1      and its program
     1 + k  and k more sequences, by the first k weight vectors, and the program of q*
 
-On level 0 the time that no program can use goes to sequences again, as many as fit (`without_programs`). A control
-cycle also has to fit into `PATIENCE` times its usual time (`limit_s`), and while the processor is slow, as the
-snapshot tells (`slowness`), what is left to do costs as many times more. The interlock and the commands stand outside
-of the ladder: they are always worked out. What a level will cost follows from what earlier control cycles took,
-measured by whoever calls; no clock is read here. A cost rises at once and falls slowly, and so does the level fall and
-rise: down as soon as it does not fit, up by one, later to twice as much, after a number of control cycles with time to
-spare, a number that doubles whenever the level falls again.
+On level 0 the time that no program can use goes to sequences again, as many as fit (`without_programs`). The interlock
+and the commands stand outside of the ladder: they are always worked out. What a level will cost follows from what
+earlier control cycles took, measured by whoever calls; no clock is read here. A cost rises at once and falls slowly
+(`learned`), and so does the level fall and rise: down as soon as it does not fit, up by one, later to twice as much,
+after a number of control cycles with time to spare, a number that doubles whenever the level falls again.
+
+Beside the budget there is what is usual, by running medians (`accustomed`), which no single control cycle moves far. A
+control cycle has to fit into `PATIENCE` times its usual time (`limit_s`), and so have its programs
+(`programs_limit_s`); while the processor is slow, as the snapshot tells (`slowness`), what is left to do takes as many
+times longer than usual.
 """
 
 from __future__ import annotations
@@ -41,8 +44,10 @@ SPARE = 0.8
 """The level rises only to what fits into this share of the time."""
 PATIENCE = 2.0
 """A control cycle may take so many times what it usually takes before candidates are left out for that alone."""
+PROMPT_PROGRAMS = 0.2
+"""The share of what counts as prompt for a control cycle that counts as prompt for its programs."""
 SLIP = 1.05
-"""The estimate of a snapshot goes up or down by this factor a control cycle: in the long run it is the median."""
+"""What is usual goes up or down by this factor a control cycle at the most: in the long run it is the median."""
 CALM_CYCLES, MOST_CALM_CYCLES = 5, 320
 """Control cycles with time to spare before the level rises: at first, and after many falls."""
 
@@ -62,18 +67,19 @@ class Effort(NamedTuple):
 
 
 class Costs(NamedTuple):
-    """Estimates, s: of one sequence and of one program, per uncleared vehicle; of what comes after, and of a snapshot,
-    per vehicle.
+    """What it takes, s: one sequence, one program, and all programs together, per uncleared vehicle; what comes after
+    them, and a snapshot, per vehicle.
     """
 
     sequence: float = 0.0
     program: float = 0.0
+    programs: float = 0.0
     rest: float = 0.0
     snapshot: float = 0.0
 
     def times(self, slow: float) -> Costs:
         """What it costs while everything takes `slow` times as long."""
-        return self._replace(sequence=slow * self.sequence, program=slow * self.program, rest=slow * self.rest)
+        return Costs(*(slow * cost for cost in self))
 
 
 class Took(NamedTuple):
@@ -109,23 +115,30 @@ class Ladder(NamedTuple):
     rose: bool = True
 
 
-def slowness(costs: Costs, load: Load, snapshot_s: float) -> float:
+def slowness(usual: Costs, load: Load, snapshot_s: float) -> float:
     """How many times as long as usual a snapshot took; 1 at the least.
 
     Every control cycle works it out in the same way, so it tells how fast the processor is just now.
     """
-    usual_s = costs.snapshot * (load.vehicles + HANDFUL)
+    usual_s = usual.snapshot * (load.vehicles + HANDFUL)
     return max(1.0, snapshot_s / usual_s) if usual_s else 1.0
 
 
-def limit_s(costs: Costs, load: Load, level: int, before_s: float, prompt_s: float) -> float:
+def limit_s(usual: Costs, load: Load, level: int, before_s: float, prompt_s: float) -> float:
     """What a control cycle on a level may take, s: `PATIENCE` times what it usually does, and `prompt_s` in any case.
 
     `before_s` is what its messages and snapshot usually take. Before anything is known there is no limit.
     """
-    if not costs.sequence:
+    if not usual.sequence:
         return float("inf")
-    return max(prompt_s, PATIENCE * (before_s + need_s(costs, load, level)))
+    return max(prompt_s, PATIENCE * (before_s + need_s(usual, load, level)))
+
+
+def programs_limit_s(usual: Costs, load: Load, prompt_s: float) -> float:
+    """What the programs together may take, s: `PATIENCE` times what they usually do, or what counts as prompt."""
+    if not usual.programs:
+        return float("inf")
+    return max(PROMPT_PROGRAMS * prompt_s, PATIENCE * usual.programs * (load.uncleared + HANDFUL))
 
 
 def rest_s(costs: Costs, load: Load) -> float:
@@ -168,28 +181,44 @@ def step(ladder: Ladder, costs: Costs, load: Load, left_s: float, top: int) -> L
 
 def learned(costs: Costs, load: Load, done: Done, took: Took) -> Costs:
     """The estimates after a control cycle. One that was held up for longer than its whole time counts as that long."""
+    now = _measured(costs, load, done, took)
+    return Costs(
+        _towards(costs.sequence, now.sequence),
+        costs.program + FALL * (now.program - costs.program) if done.begun else FADE * costs.program,
+        _towards(costs.programs, now.programs),
+        _towards(costs.rest, now.rest),
+        _towards(costs.snapshot, now.snapshot),
+    )
+
+
+def accustomed(usual: Costs, load: Load, done: Done, took: Took) -> Costs:
+    """What is usual after a control cycle: a step towards the medians, however far off one of them is."""
+    return Costs(*map(_median, usual, _measured(usual, load, done, took)))
+
+
+def _measured(costs: Costs, load: Load, done: Done, took: Took) -> Costs:
+    """What a control cycle took, per vehicle; what it did not do is taken to cost as before."""
     planned, present = load.uncleared + HANDFUL, load.vehicles + HANDFUL
-    sequence, program = costs.sequence, costs.program * FADE
+    sequence_s, program_s, programs_s = (planned * cost for cost in costs[:3])
     if done.sequences:
-        sequence = _towards(sequence, took.sequences / (done.sequences + SHARED) / planned, planned)
+        sequence_s = took.sequences / (done.sequences + SHARED)
     if done.begun:
         # Not to be ready in less than it takes says nothing.
-        each = took.programs / done.ready if done.ready else max(LATE * took.programs, costs.program * planned)
-        program = costs.program + FALL * (min(each, STEP_S) / planned - costs.program)
-    rest = _towards(costs.rest, took.rest / present, present)
-    return Costs(sequence, program, rest, _median(costs.snapshot, took.snapshot / present, present))
+        program_s = took.programs / done.ready if done.ready else max(LATE * took.programs, program_s)
+        programs_s = took.programs
+    return Costs(
+        *(min(cost_s, STEP_S) / planned for cost_s in (sequence_s, program_s, programs_s)),
+        *(min(cost_s, STEP_S) / present for cost_s in (took.rest, took.snapshot)),
+    )
 
 
-def _median(estimate: float, measured: float, size: int) -> float:
-    """A step towards the median of what is measured, however far off one of them is."""
-    measured = min(measured, STEP_S / size)
-    if not estimate:
+def _median(usual: float, measured: float) -> float:
+    if not usual:
         return measured
-    return min(measured, estimate * SLIP) if measured > estimate else max(measured, estimate / SLIP)
+    return min(measured, usual * SLIP) if measured > usual else max(measured, usual / SLIP)
 
 
-def _towards(estimate: float, measured: float, size: int) -> float:
-    measured = min(measured, STEP_S / size)
+def _towards(estimate: float, measured: float) -> float:
     if not estimate:
         return measured
     return estimate + (RISE if measured > estimate else FALL) * (measured - estimate)

@@ -65,8 +65,8 @@ class Contest:
         known: Solutions = {}
         first = min(range(len(candidates)), key=lambda k: candidates[k].stake.cost(0.0))
         (results[first],) = await self._solved([candidates[first]], known, deadline_s)
-        left = [k for k in _contenders(candidates, first, results[first]) if deadline_s is None or _now() < deadline_s]
-        if not left:
+        left = _contenders(candidates, first, results[first]) if _in_time(deadline_s) else []
+        if not (left and _in_time(deadline_s)):
             return results
         outcomes = await self._solved([candidates[k] for k in left], known, deadline_s)
         for k, outcome in zip(left, outcomes, strict=True):
@@ -109,6 +109,10 @@ Solutions: TypeAlias = dict[Met, PlatoonSolution | None]
 
 def _now() -> float:
     return asyncio.get_running_loop().time()
+
+
+def _in_time(deadline_s: float | None) -> bool:
+    return deadline_s is None or _now() < deadline_s
 
 
 def _contenders(candidates: Sequence[HorizonJob], first: int, outcome: HorizonOutcome | None) -> list[int]:

@@ -16,7 +16,7 @@ import structlog
 
 from gameopt_im.commands import commands_of
 from gameopt_im.core import decision, planning
-from gameopt_im.core.budget import Load, Took
+from gameopt_im.core.budget import Effort, Load, Took
 from gameopt_im.core.conflicts import ground
 from gameopt_im.core.decision import Conclusion, Picture, Settled, Winner
 from gameopt_im.core.interlock import INTRUDING, UNCLEARED
@@ -146,7 +146,7 @@ class Manager:
         load = Load(len(snapshot), int(np.count_nonzero(limits.phase == UNCLEARED)))
         effort = self._pace.effort(load, self._stage_started - started, left_s, 1e-3 * self._stages["snapshot"])
         who = planning.bidders(snapshot, self._ground, self._book, limits, parameters, max(1, effort.candidates))
-        proposal = self._strategy.propose(snapshot, self._book, limits, who, self._order, effort)
+        proposal = self._strategy.propose(snapshot, self._book, limits, who, self._order, self._still)
         self._mark("auction")
         late_before = self._solver.counts.late
         results = await self._solver.solve(proposal.jobs, self._deadline())
@@ -180,6 +180,9 @@ class Manager:
             snapshot, limits.phase, self._book, who, proposal, results, winner, concluded, self._tracker.vehicle
         )
         return Outcome(commands, report, ledger, decided_s, published_s)
+
+    def _still(self) -> Effort:
+        return self._pace.still(time.perf_counter() - self._stage_started)
 
     def _deadline(self) -> float | None:
         """On the loop's clock; in lock-step there is none, so that nothing depends on the machine."""

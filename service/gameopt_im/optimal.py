@@ -205,7 +205,7 @@ def _auctioned(snapshot: Snapshot, options: ServeOptions, known: Ground, rows: s
     limits = interlock.limits(snapshot, known, Book(), parameters.exit)
     started = process_time()
     who = planning.bidders(snapshot, known, Book(), limits, parameters, options.candidates)
-    proposal = paper.propose(snapshot, Book(), limits, who, (), Effort(options.candidates))
+    proposal = paper.propose(snapshot, Book(), limits, who, (), lambda: Effort(options.candidates))
     winner = paper.choose(proposal, [job.solve() for job in proposal.jobs])
     seconds = process_time() - started
     assert winner is not None

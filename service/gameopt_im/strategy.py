@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -62,9 +62,9 @@ class Strategy(Protocol):
         limits: Limits,
         who: Bidders,
         previous: tuple[str, ...],
-        effort: Effort,
+        effort: Callable[[], Effort],
     ) -> Proposal:
-        """The candidates and their programs."""
+        """The candidates and their programs: of `effort`, asked for once what all candidates share is worked out."""
 
     def choose(self, proposal: Proposal, results: Sequence[Outcome | None]) -> Winner | None:
         """q* and its speeds; None where there is nobody to plan."""
@@ -96,7 +96,7 @@ class DefaultProfile:
         limits: Limits,
         who: Bidders,
         previous: tuple[str, ...],
-        effort: Effort,
+        effort: Callable[[], Effort],
     ) -> Proposal:
         """The incumbent and up to K dispatch sequences, each with its horizon program."""
         if not len(who):
@@ -106,9 +106,10 @@ class DefaultProfile:
         problem = planning.demand(snapshot, self._ground, book, stack, limits, who, parameters)
         incumbent = decision.incumbent_order(previous, snapshot, who)
         priority = snapshot.speed_priority[who.index]
-        waited, tried = snapshot.waited[who.index], who.tried(effort.candidates)
+        waited, trying = snapshot.waited[who.index], effort()
+        tried = who.tried(trying.candidates)
         options = planning.candidates(problem, tried, priority, waited, incumbent, parameters)
-        if not (parameters.program.solve and effort.programs):
+        if not (parameters.program.solve and trying.programs):
             return Proposal(who, options, (), problem)
         task = planning.horizon_task(snapshot, book, limits, problem, who, parameters)
         residual = parameters.program.residual_mps
@@ -176,13 +177,14 @@ class PaperProfile:
         limits: Limits,
         who: Bidders,
         previous: tuple[str, ...],
-        effort: Effort,
+        effort: Callable[[], Effort],
     ) -> Proposal:
         """Up to K sequences over all vehicles that are not past the conflict zone, cleared ones first."""
         del previous, limits
         if not len(who):
             return Proposal(who, (), (), None)
-        settings = self._parameters.auction
+        settings, trying = self._parameters.auction, effort()
+        who = who.tried(trying.candidates)
         lines = auction.queues(snapshot.lane[who.index], snapshot.s[who.index], who.index)
         # `who.bids` hold the transfers already
         orders = auction.sequences(who.bids, lines, who.group, settings.slot_value_ratio, 0.0)
@@ -194,7 +196,7 @@ class PaperProfile:
         jobs = [
             PaperJob(vehicles, np.concatenate((ahead, order)), self._ground.conflict, self._parameters.program)
             for order in orders
-            if effort.programs
+            if trying.programs
         ]
         return Proposal(who, orders, jobs, None)
 
@@ -229,7 +231,7 @@ class StopSign:
         limits: Limits,
         who: Bidders,
         previous: tuple[str, ...],
-        effort: Effort,
+        effort: Callable[[], Effort],
     ) -> Proposal:
         """One order: the queue at the lines, then who has not come to a stand yet, by zone entry."""
         del book, previous, effort

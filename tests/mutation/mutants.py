@@ -422,7 +422,7 @@ MUTANTS = (
     Mutant(
         "candidates tried whatever the time",
         "service/gameopt_im/pace.py",
-        "level = min(self._ladder.level, *fits)",
+        "level = min(self._ladder.level, self._level, *fits)",
         "level = self._ladder.level",
         f"{UNIT}/test_pace.py::test_a_late_start_says_nothing_about_the_next_control_cycle",
     ),
@@ -432,6 +432,13 @@ MUTANTS = (
         "costs, usual = self._costs.times(self._slow), self._usual.times(self._slow)",
         "costs, usual = self._costs, self._usual",
         f"{UNIT}/test_pace.py::test_while_the_processor_is_slow_as_little_is_tried_and_nothing_is_learned_from_it",
+    ),
+    Mutant(
+        "a processor that becomes slow within the auction not noticed",
+        "service/gameopt_im/pace.py",
+        "self._slow = max(self._slow, budget.slowness(usual_s, elapsed_s))",
+        "self._slow = max(self._slow, 1.0)",
+        f"{UNIT}/test_pace.py::test_a_processor_that_becomes_slow_within_the_auction_is_noticed_before_the_sequences",
     ),
     Mutant(
         "programs that may take whatever is left",

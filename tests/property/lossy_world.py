@@ -6,7 +6,7 @@ must be safe does not depend on the plan. What is checked is checked from the ca
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -91,7 +91,13 @@ class Whims:
     rng: np.random.Generator
 
     def propose(
-        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...], effort: Effort
+        self,
+        snapshot: Snapshot,
+        book: Book,
+        limits: Limits,
+        who: Bidders,
+        previous: tuple[str, ...],
+        effort: Callable[[], Effort],
     ) -> Proposal:
         """Remembers whom there is to plan for."""
         return Proposal(who, (snapshot,), (), None)

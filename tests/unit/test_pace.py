@@ -21,6 +21,7 @@ from gameopt_wire.messages import Clock
 
 LOAD = Load(60, 30)
 SWIFT, SLOW = Took(0.001, 0.005, 0.001), Took(0.090, 0.040, 0.001)
+SHARED_PART = 0.3
 PRESENT = 12
 NO_TIME = "[service]\nbudget_s = 1e-9"
 
@@ -71,10 +72,21 @@ def test_without_time_for_programs_the_delay_decides_also_where_the_objective_wo
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(Pace, "effort", lambda *_: Effort(7, programs=False))
+    monkeypatch.setattr(Pace, "still", lambda *_: Effort(7, programs=False))
     by_delay = driven(options(), 100, 0.08)
     by_objective = driven(options('[planner]\nselection = "objective"'), 100, 0.08)
     assert [outcome.commands for outcome in by_objective] == [outcome.commands for outcome in by_delay]
     assert len({outcome.report.selected for outcome in by_delay}) > 2
+
+
+@pytest.mark.parametrize(("profile", "vectors"), [("default", 0), ("paper", 1)])
+def test_a_profile_asks_once_more_before_it_makes_its_sequences(
+    profile: Any, vectors: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Pace, "still", lambda *_: Effort(vectors, programs=False))
+    reports = [outcome.report for outcome in driven(options(profile=profile), 100, 0.08)]
+    assert {report.candidates for report in reports if report.uncleared} == {1}
+    assert reports[-1].qp_solved_total == 0
 
 
 def test_the_stop_sign_leaves_nothing_out_for_it_has_one_order() -> None:
@@ -125,6 +137,7 @@ def usual(pace: Pace, load: Load, took: Took) -> None:
     """Some control cycles that take the same."""
     for _ in range(50):
         assert pace.effort(load, took.snapshot, 0.08, took.snapshot) == (8, True)
+        assert pace.still(SHARED_PART * took.sequences) == (8, True)
         pace.deadline_s(took.sequences, 0.04)
         pace.learn(took, 9, 1, late=False)
 
@@ -134,6 +147,17 @@ def test_while_the_processor_is_slow_as_little_is_tried_and_nothing_is_learned_f
     usual(pace, LOAD, took)
     assert pace.effort(LOAD, 0.010, 0.08, 0.010) == (0, False)  # there would be time for all of it, were it not slow
     pace.learn(Took(0.005, 0.0, 0.010, 0.010), 0, 0, late=False)
+    usual(pace, LOAD, took)
+    assert (pace.dropped, pace.unsolved) == (8, 1)
+
+
+def test_a_processor_that_becomes_slow_within_the_auction_is_noticed_before_the_sequences() -> None:
+    pace, took = Pace(options()), Took(0.003, 0.003, 0.002, 0.002)
+    usual(pace, LOAD, took)
+    assert pace.effort(LOAD, 0.002, 0.08, 0.002) == (8, True)
+    assert pace.still(3 * SHARED_PART * 0.003) == (0, False)
+    assert (pace.dropped, pace.unsolved) == (8, 1)
+    pace.learn(Took(0.012, 0.0, 0.020, 0.002), 0, 0, late=False)
     usual(pace, LOAD, took)
     assert (pace.dropped, pace.unsolved) == (8, 1)
 
@@ -149,7 +173,7 @@ def test_a_control_cycle_may_always_take_what_counts_as_prompt(text: str, tried:
     assert pace.effort(LOAD, 0.009, 0.08, 0.009) == tried
 
 
-def test_programs_end_with_what_a_control_cycle_usually_takes_twice() -> None:
+def test_programs_end_with_what_a_control_cycle_may_take() -> None:
     pace = Pace(options())
     usual(pace, LOAD, Took(0.003, 0.003, 0.002, 0.002))
     pace.effort(LOAD, 0.002, 0.08, 0.002)

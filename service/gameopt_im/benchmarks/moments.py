@@ -8,7 +8,7 @@ whose times do not count, is watched for what its programs were made of.
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, replace
 
@@ -75,7 +75,13 @@ class _Watch:
         self._inner = inner
 
     def propose(
-        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...], effort: Effort
+        self,
+        snapshot: Snapshot,
+        book: Book,
+        limits: Limits,
+        who: Bidders,
+        previous: tuple[str, ...],
+        effort: Callable[[], Effort],
     ) -> Proposal:
         """The other one's candidates."""
         kept = copy.deepcopy(book) if self.wanted else None  # grants change it before the control cycle is over

@@ -69,7 +69,7 @@ class _Paper:
         profile = PaperProfile(replace(self._options, parameters=parameters), self._ground)
         snapshot, book, limits = moment.caught.snapshot, moment.caught.book, moment.caught.limits
         who = planning.bidders(snapshot, self._ground, book, limits, parameters, self._options.candidates)
-        return profile, profile.propose(snapshot, book, limits, who, (), Effort(self._options.candidates))
+        return profile, profile.propose(snapshot, book, limits, who, (), lambda: Effort(self._options.candidates))
 
     def first_jobs(self, caught: Sequence[Moment]) -> Iterator[PaperJob]:
         """The first sequence's program on reduced rows, of every moment."""

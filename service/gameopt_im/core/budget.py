@@ -13,9 +13,9 @@ earlier control cycles took, measured by whoever calls; no clock is read here. A
 after a number of control cycles with time to spare, a number that doubles whenever the level falls again.
 
 Beside the budget there is what is usual, by running medians (`accustomed`), which no single control cycle moves far. A
-control cycle has to fit into `PATIENCE` times its usual time (`limit_s`), and so have its programs
-(`programs_limit_s`); while the processor is slow, as the snapshot tells (`slowness`), what is left to do takes as many
-times longer than usual.
+control cycle has to fit into `PATIENCE` times its usual time (`limit_s`), and its programs into theirs
+(`programs_limit_s`). While the processor is slow (`slowness`), as the snapshot tells, and then what all sequences
+share, what is left to do takes as many times longer than usual.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ LATE = 2.0
 """A program that was not ready in its time is taken to need so many times as long: if most are late, none fits."""
 SPARE = 0.8
 """The level rises only to what fits into this share of the time."""
-PATIENCE = 2.0
-"""A control cycle may take so many times what it usually takes before candidates are left out for that alone."""
+PATIENCE, PROGRAMS_PATIENCE = 1.5, 2.0
+"""A control cycle, and its programs, may take so many times what they usually take before less is tried for that."""
 PROMPT_PROGRAMS = 0.2
 """The share of what counts as prompt for a control cycle that counts as prompt for its programs."""
 SLIP = 1.05
@@ -58,6 +58,16 @@ class Load(NamedTuple):
     vehicles: int
     uncleared: int
 
+    @property
+    def present(self) -> int:
+        """What costs per vehicle are multiplied by."""
+        return self.vehicles + HANDFUL
+
+    @property
+    def planned(self) -> int:
+        """What costs per uncleared vehicle are multiplied by."""
+        return self.uncleared + HANDFUL
+
 
 class Effort(NamedTuple):
     """What a control cycle tries: the incumbent and so many weight vectors, and whether their programs."""
@@ -67,13 +77,14 @@ class Effort(NamedTuple):
 
 
 class Costs(NamedTuple):
-    """What it takes, s: one sequence, one program, and all programs together, per uncleared vehicle; what comes after
-    them, and a snapshot, per vehicle.
+    """What it takes, s: one sequence, one program, all programs together, and what all sequences share, per uncleared
+    vehicle; what comes after the programs, and a snapshot, per vehicle.
     """
 
     sequence: float = 0.0
     program: float = 0.0
     programs: float = 0.0
+    shared: float = 0.0
     rest: float = 0.0
     snapshot: float = 0.0
 
@@ -83,16 +94,19 @@ class Costs(NamedTuple):
 
 
 class Took(NamedTuple):
-    """What a control cycle took, s: its sequences, its programs, everything after these, and the snapshot before."""
+    """What a control cycle took, s: its sequences, its programs, everything after these, the snapshot before, and of
+    the sequences what all of them share.
+    """
 
     sequences: float
     programs: float
     rest: float
     snapshot: float = 0.0
+    shared: float = 0.0
 
     def over(self, slow: float) -> Took:
-        """What it would have taken, had not everything after the snapshot taken `slow` times as long."""
-        return Took(self.sequences / slow, self.programs / slow, self.rest / slow, self.snapshot)
+        """What it would have taken, had not everything that was left to do taken `slow` times as long."""
+        return self._replace(sequences=self.sequences / slow, programs=self.programs / slow, rest=self.rest / slow)
 
 
 class Done(NamedTuple):
@@ -115,13 +129,12 @@ class Ladder(NamedTuple):
     rose: bool = True
 
 
-def slowness(usual: Costs, load: Load, snapshot_s: float) -> float:
-    """How many times as long as usual a snapshot took; 1 at the least.
+def slowness(usual_s: float, took_s: float) -> float:
+    """How many times as long as usual something took; 1 at the least, and where nothing is known.
 
-    Every control cycle works it out in the same way, so it tells how fast the processor is just now.
+    What every control cycle works out in the same way tells how fast the processor is just now.
     """
-    usual_s = usual.snapshot * (load.vehicles + HANDFUL)
-    return max(1.0, snapshot_s / usual_s) if usual_s else 1.0
+    return max(1.0, took_s / usual_s) if usual_s else 1.0
 
 
 def limit_s(usual: Costs, load: Load, level: int, before_s: float, prompt_s: float) -> float:
@@ -135,22 +148,22 @@ def limit_s(usual: Costs, load: Load, level: int, before_s: float, prompt_s: flo
 
 
 def programs_limit_s(usual: Costs, load: Load, prompt_s: float) -> float:
-    """What the programs together may take, s: `PATIENCE` times what they usually do, or what counts as prompt."""
+    """What the programs together may take, s: `PROGRAMS_PATIENCE` times what they usually do, or what is prompt."""
     if not usual.programs:
         return float("inf")
-    return max(PROMPT_PROGRAMS * prompt_s, PATIENCE * usual.programs * (load.uncleared + HANDFUL))
+    return max(PROMPT_PROGRAMS * prompt_s, PROGRAMS_PATIENCE * usual.programs * load.planned)
 
 
 def rest_s(costs: Costs, load: Load) -> float:
     """What comes after the programs, s: interlock, commands, publishing."""
-    return costs.rest * (load.vehicles + HANDFUL)
+    return costs.rest * load.present
 
 
 def need_s(costs: Costs, load: Load, level: int) -> float:
     """What a level needs with all that comes after it, s; never less than a lower one."""
     programs = costs.program if level > UNSOLVED else 0.0
     planned = costs.sequence * (max(level, ALONE) + SHARED) + programs
-    return planned * (load.uncleared + HANDFUL) + rest_s(costs, load)
+    return planned * load.planned + rest_s(costs, load)
 
 
 def fitting(costs: Costs, load: Load, left_s: float, top: int) -> int:
@@ -160,7 +173,7 @@ def fitting(costs: Costs, load: Load, left_s: float, top: int) -> int:
 
 def without_programs(costs: Costs, load: Load, left_s: float, top: int) -> int:
     """How many sequences, one to `top`, fit into `left_s` on level 0, with time to spare."""
-    each_s = costs.sequence * (load.uncleared + HANDFUL)
+    each_s = costs.sequence * load.planned
     room_s = SPARE * left_s - rest_s(costs, load)
     return next((count for count in range(top, ALONE, -1) if (count + SHARED) * each_s <= room_s), ALONE)
 
@@ -182,13 +195,8 @@ def step(ladder: Ladder, costs: Costs, load: Load, left_s: float, top: int) -> L
 def learned(costs: Costs, load: Load, done: Done, took: Took) -> Costs:
     """The estimates after a control cycle. One that was held up for longer than its whole time counts as that long."""
     now = _measured(costs, load, done, took)
-    return Costs(
-        _towards(costs.sequence, now.sequence),
-        costs.program + FALL * (now.program - costs.program) if done.begun else FADE * costs.program,
-        _towards(costs.programs, now.programs),
-        _towards(costs.rest, now.rest),
-        _towards(costs.snapshot, now.snapshot),
-    )
+    program = costs.program + FALL * (now.program - costs.program) if done.begun else FADE * costs.program
+    return Costs(*map(_towards, costs, now))._replace(program=program)
 
 
 def accustomed(usual: Costs, load: Load, done: Done, took: Took) -> Costs:
@@ -198,17 +206,23 @@ def accustomed(usual: Costs, load: Load, done: Done, took: Took) -> Costs:
 
 def _measured(costs: Costs, load: Load, done: Done, took: Took) -> Costs:
     """What a control cycle took, per vehicle; what it did not do is taken to cost as before."""
-    planned, present = load.uncleared + HANDFUL, load.vehicles + HANDFUL
-    sequence_s, program_s, programs_s = (planned * cost for cost in costs[:3])
+    sequence_s, program_s, programs_s = load.planned * costs.sequence, load.planned * costs.program, took.programs
     if done.sequences:
         sequence_s = took.sequences / (done.sequences + SHARED)
-    if done.begun:
-        # Not to be ready in less than it takes says nothing.
-        program_s = took.programs / done.ready if done.ready else max(LATE * took.programs, program_s)
-        programs_s = took.programs
+    if not done.begun:
+        programs_s = load.planned * costs.programs
+    elif done.ready:
+        program_s = took.programs / done.ready
+    else:  # not to be ready in less than it takes says nothing
+        program_s = max(LATE * took.programs, program_s)
+    shared_s = took.shared or load.planned * costs.shared
     return Costs(
-        *(min(cost_s, STEP_S) / planned for cost_s in (sequence_s, program_s, programs_s)),
-        *(min(cost_s, STEP_S) / present for cost_s in (took.rest, took.snapshot)),
+        sequence=min(sequence_s, STEP_S) / load.planned,
+        program=min(program_s, STEP_S) / load.planned,
+        programs=min(programs_s, STEP_S) / load.planned,
+        shared=min(shared_s, STEP_S) / load.planned,
+        rest=min(took.rest, STEP_S) / load.present,
+        snapshot=min(took.snapshot, STEP_S) / load.present,
     )
 
 

@@ -244,7 +244,7 @@ class Service(Section, frozen=True, kw_only=True):
         Meta(
             ge=0,
             le=0.1,
-            description="wall clock: a control cycle longer than this and than twice its usual time leaves out "
+            description="wall clock: a control cycle longer than this and than 1.5 times its usual time leaves out "
             "candidates (s)",
         ),
     ] = 0.01

@@ -50,11 +50,12 @@ class Pace:
         steady_s, self._elapsed_s = min(elapsed_s, self._elapsed_s), elapsed_s
         self._ladder = budget.step(self._ladder, self._costs, load, self._budget_s - steady_s, self._top)
         self._say(before, load)
-        limit_s = budget.limit_s(self._usual, load, self._ladder.level, steady_s, self._prompt_s)
+        level = self._ladder.level or self._top  # on the lowest one as many sequences as fit are usual
+        limit_s = budget.limit_s(self._usual, load, level, steady_s, self._prompt_s)
         self._left_s, self._limit_s = min(self._budget_s, left_s) - elapsed_s, limit_s - elapsed_s
         self._load, self._shared_s = load, 0.0
         self._slow = budget.slowness(load.present * self._usual.snapshot, snapshot_s)
-        return self._fitting(load, 0.0)
+        return self._fitting(load)
 
     def still(self, elapsed_s: float) -> Effort:
         """What of that there is time for, `elapsed_s` after `effort`, with all that sequences share worked out."""
@@ -63,15 +64,14 @@ class Pace:
         self._shared_s = elapsed_s
         usual_s = self._load.planned * self._usual.shared
         self._slow = max(self._slow, budget.slowness(usual_s, elapsed_s))
-        return self._fitting(self._load, elapsed_s)
+        return self._fitting(self._load)
 
-    def _fitting(self, load: Load, elapsed_s: float) -> Effort:
-        """What fits of what was to be tried until now."""
+    def _fitting(self, load: Load) -> Effort:
+        """What fits of what was to be tried until now, into the time there was when `effort` was asked."""
         costs, usual = self._costs.times(self._slow), self._usual.times(self._slow)
-        left_s, limit_s = self._left_s - elapsed_s, self._limit_s - elapsed_s
-        fits = (budget.fitting(costs, load, left_s, self._top), budget.fitting(usual, load, limit_s, self._top))
-        level = min(self._ladder.level, self._level, *fits)
-        sequences = level or budget.without_programs(costs, load, min(left_s, limit_s), self._top)
+        within = budget.fitting(costs, load, self._left_s, self._top)
+        level = min(self._ladder.level, self._level, within, budget.fitting(usual, load, self._limit_s, self._top))
+        sequences = level or budget.without_programs(costs, load, min(self._left_s, self._limit_s), self._top)
         sequences = min(sequences, self._sequences)
         if load.uncleared:
             self.dropped += self._sequences - sequences
@@ -86,10 +86,10 @@ class Pace:
         """How long the programs may take that begin `elapsed_s` after `effort`: what follows has its time, too."""
         if self._load is None:
             return most_s
-        left_s = min(self._left_s, self._limit_s) - elapsed_s
-        left_s -= budget.rest_s(self._costs.times(self._slow), self._load)
-        limit_s = budget.programs_limit_s(self._usual, self._load, self._prompt_s)
-        self._allowed_s = min(most_s, limit_s, max(left_s, 0.0))
+        left_s = self._left_s - self._slow * budget.rest_s(self._costs, self._load)
+        limit_s = self._limit_s - self._slow * budget.rest_s(self._usual, self._load)
+        theirs_s = budget.programs_limit_s(self._usual, self._load, self._prompt_s)
+        self._allowed_s = min(most_s, theirs_s, max(min(left_s, limit_s) - elapsed_s, 0.0))
         return self._allowed_s
 
     def learn(self, took: Took, begun: int, ready: int, late: bool) -> None:

@@ -422,7 +422,7 @@ MUTANTS = (
     Mutant(
         "candidates tried whatever the time",
         "service/gameopt_im/pace.py",
-        "level = min(self._ladder.level, self._level, *fits)",
+        "level = min(self._ladder.level, self._level, within, budget.fitting(usual, load, self._limit_s, self._top))",
         "level = self._ladder.level",
         f"{UNIT}/test_pace.py::test_a_late_start_says_nothing_about_the_next_control_cycle",
     ),
@@ -443,8 +443,8 @@ MUTANTS = (
     Mutant(
         "programs that may take whatever is left",
         "service/gameopt_im/pace.py",
-        "min(most_s, limit_s, max(left_s, 0.0))",
-        "min(most_s, max(left_s, 0.0))",
+        "min(most_s, theirs_s, ",
+        "min(most_s, ",
         f"{UNIT}/test_pace.py::test_programs_may_take_twice_what_they_usually_take_together[0.003-0.006]",
     ),
     Mutant(

@@ -36,7 +36,7 @@ TOP = 9
 BUDGET_S, DEADLINE_S = 0.06, 0.04
 seconds = st.floats(0.0, 0.2)
 each = st.floats(0.0, 1e-3)
-costs_ = st.builds(Costs, *[each] * 6)
+costs_ = st.builds(Costs, *[each] * 5)
 loads = st.builds(Load, st.integers(0, 1000), st.integers(0, 500))
 
 

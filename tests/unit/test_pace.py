@@ -155,11 +155,11 @@ def test_a_processor_that_becomes_slow_within_the_auction_is_noticed_before_the_
     pace, took = Pace(options()), Took(0.003, 0.003, 0.002, 0.002)
     usual(pace, LOAD, took)
     assert pace.effort(LOAD, 0.002, 0.08, 0.002) == (8, True)
-    assert pace.still(3 * SHARED_PART * 0.003) == (0, False)
-    assert (pace.dropped, pace.unsolved) == (8, 1)
+    assert pace.still(3 * SHARED_PART * 0.003) == (1, False)
+    assert (pace.dropped, pace.unsolved) == (7, 1)
     pace.learn(Took(0.012, 0.0, 0.020, 0.002), 0, 0, late=False)
     usual(pace, LOAD, took)
-    assert (pace.dropped, pace.unsolved) == (8, 1)
+    assert (pace.dropped, pace.unsolved) == (7, 1)
 
 
 def test_what_takes_long_as_usual_is_not_cut_short_for_it() -> None:
@@ -192,12 +192,46 @@ def test_programs_may_take_twice_what_they_usually_take_together(programs_s: flo
     assert pace.deadline_s(took.sequences, 0.04) == pytest.approx(may_take_s)
 
 
+def test_programs_without_time_leave_what_is_usual_as_it_was() -> None:
+    pace, took = Pace(options()), Took(0.003, 0.003, 0.002, 0.002)
+    usual(pace, LOAD, took)
+    for _ in range(30):
+        pace.effort(LOAD, 0.002, 0.08, 0.002)
+        assert pace.deadline_s(0.050, 0.04) == 0.0
+        pace.learn(took._replace(programs=0.0003), 9, 0, late=True)
+    pace.effort(LOAD, 0.002, 0.08, 0.002)
+    assert pace.deadline_s(0.003, 0.04) >= took.programs
+
+
+def test_all_programs_of_a_control_cycle_are_usual_where_all_are_solved() -> None:
+    pace, took = Pace(options(profile="paper")), Took(0.001, 0.028, 0.002, 0.001)
+    for _ in range(50):
+        pace.effort(LOAD, 0.001, 0.08, 0.001)
+        pace.still(SHARED_PART * 0.001)
+        assert pace.deadline_s(0.001, 0.04) >= took.programs
+        pace.learn(took, 8, 8, late=False)
+    assert pace.dropped == pace.unsolved == 0
+
+
+def test_without_programs_as_many_sequences_as_fit_are_usual() -> None:
+    pace, load = Pace(options()), Load(260, 110)
+    tried = []
+    for _ in range(200):
+        tried.append(pace.effort(load, 0.010, 0.08, 0.008))
+        sequences = tried[-1].candidates + 1
+        pace.still(0.006)
+        pace.deadline_s(0.002 * (sequences + 3), 0.04)
+        pace.learn(Took(0.002 * (sequences + 3), 0.035, 0.004, 0.008), 9 * tried[-1].programs, 0, late=True)
+    assert tried[-1] == (8, False)
+
+
 def test_one_slow_auction_makes_no_room_for_the_next_one() -> None:
     pace, took = Pace(options()), Took(0.003, 0.003, 0.002, 0.002)
     usual(pace, LOAD, took)
     pace.effort(LOAD, 0.002, 0.08, 0.002)
     pace.learn(took._replace(sequences=0.030, rest=0.020), 0, 0, late=False)
     assert pace.effort(LOAD, 0.002, 0.08, 0.002) == (8, True)
+    assert pace.deadline_s(0.003, 0.04) >= took.programs
     assert pace.deadline_s(0.020, 0.04) == 0.0
 
 

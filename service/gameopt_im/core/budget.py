@@ -39,7 +39,7 @@ deadline whatever they need, so for them it is always the smaller one: a late on
 FADE = 0.98
 """An estimate that cannot be renewed falls to this share per control cycle, so that it is tried again some day."""
 LATE = 2.0
-"""A program that was not ready in its time is taken to need so many times as long: if most are late, none fits."""
+"""A program that was not ready in its time is taken to need so many times as long."""
 SPARE = 0.8
 """The level rises only to what fits into this share of the time."""
 PATIENCE, PROGRAMS_PATIENCE = 1.5, 2.0
@@ -77,13 +77,12 @@ class Effort(NamedTuple):
 
 
 class Costs(NamedTuple):
-    """What it takes, s: one sequence, one program, all programs together, and what all sequences share, per uncleared
-    vehicle; what comes after the programs, and a snapshot, per vehicle.
+    """What it takes, s: one sequence, one program (in what is usual: all of them), and what all sequences share, per
+    uncleared vehicle; what comes after the programs, and a snapshot, per vehicle.
     """
 
     sequence: float = 0.0
     program: float = 0.0
-    programs: float = 0.0
     shared: float = 0.0
     rest: float = 0.0
     snapshot: float = 0.0
@@ -105,7 +104,10 @@ class Took(NamedTuple):
     shared: float = 0.0
 
     def over(self, slow: float) -> Took:
-        """What it would have taken, had not everything that was left to do taken `slow` times as long."""
+        """What it would have taken, had not all that was left to do taken `slow` times as long.
+
+        Snapshot and shared part, by which that is told, are left as they are.
+        """
         return self._replace(sequences=self.sequences / slow, programs=self.programs / slow, rest=self.rest / slow)
 
 
@@ -149,9 +151,9 @@ def limit_s(usual: Costs, load: Load, level: int, before_s: float, prompt_s: flo
 
 def programs_limit_s(usual: Costs, load: Load, prompt_s: float) -> float:
     """What the programs together may take, s: `PROGRAMS_PATIENCE` times what they usually do, or what is prompt."""
-    if not usual.programs:
+    if not usual.program:
         return float("inf")
-    return max(PROMPT_PROGRAMS * prompt_s, PROGRAMS_PATIENCE * usual.programs * load.planned)
+    return max(PROMPT_PROGRAMS * prompt_s, PROGRAMS_PATIENCE * usual.program * load.planned)
 
 
 def rest_s(costs: Costs, load: Load) -> float:
@@ -201,25 +203,23 @@ def learned(costs: Costs, load: Load, done: Done, took: Took) -> Costs:
 
 def accustomed(usual: Costs, load: Load, done: Done, took: Took) -> Costs:
     """What is usual after a control cycle: a step towards the medians, however far off one of them is."""
-    return Costs(*map(_median, usual, _measured(usual, load, done, took)))
+    together = done._replace(ready=min(done.ready, 1))
+    return Costs(*map(_median, usual, _measured(usual, load, together, took)))
 
 
 def _measured(costs: Costs, load: Load, done: Done, took: Took) -> Costs:
     """What a control cycle took, per vehicle; what it did not do is taken to cost as before."""
-    sequence_s, program_s, programs_s = load.planned * costs.sequence, load.planned * costs.program, took.programs
+    sequence_s, program_s = load.planned * costs.sequence, load.planned * costs.program
     if done.sequences:
         sequence_s = took.sequences / (done.sequences + SHARED)
-    if not done.begun:
-        programs_s = load.planned * costs.programs
-    elif done.ready:
+    if done.ready:
         program_s = took.programs / done.ready
-    else:  # not to be ready in less than it takes says nothing
+    elif done.begun:  # not to be ready in less than it takes says nothing
         program_s = max(LATE * took.programs, program_s)
     shared_s = took.shared or load.planned * costs.shared
     return Costs(
         sequence=min(sequence_s, STEP_S) / load.planned,
         program=min(program_s, STEP_S) / load.planned,
-        programs=min(programs_s, STEP_S) / load.planned,
         shared=min(shared_s, STEP_S) / load.planned,
         rest=min(took.rest, STEP_S) / load.present,
         snapshot=min(took.snapshot, STEP_S) / load.present,

@@ -245,7 +245,7 @@ class Service(Section, frozen=True, kw_only=True):
             ge=0,
             le=0.1,
             description="wall clock: a control cycle longer than this and than 1.5 times its usual time leaves out "
-            "candidates (s)",
+            "candidates, and programs end after a fifth of this and twice theirs (s)",
         ),
     ] = 0.01
     command_valid_s: Annotated[

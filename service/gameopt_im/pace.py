@@ -50,8 +50,7 @@ class Pace:
         steady_s, self._elapsed_s = min(elapsed_s, self._elapsed_s), elapsed_s
         self._ladder = budget.step(self._ladder, self._costs, load, self._budget_s - steady_s, self._top)
         self._say(before, load)
-        level = self._ladder.level or self._top  # on the lowest one as many sequences as fit are usual
-        limit_s = budget.limit_s(self._usual, load, level, steady_s, self._prompt_s)
+        limit_s = budget.limit_s(self._usual, load, self._top, steady_s, self._prompt_s)
         self._left_s, self._limit_s = min(self._budget_s, left_s) - elapsed_s, limit_s - elapsed_s
         self._load, self._shared_s = load, 0.0
         self._slow = budget.slowness(load.present * self._usual.snapshot, snapshot_s)

@@ -7,14 +7,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from gameopt_im.core import auction, corridor, decision, planning, program, standing
-from gameopt_im.core.budget import Effort
+from gameopt_im.core.budget import Ask
 from gameopt_im.core.conflicts import Ground
 from gameopt_im.core.decision import Winner
 from gameopt_im.core.horizon import carried_over
@@ -62,7 +62,7 @@ class Strategy(Protocol):
         limits: Limits,
         who: Bidders,
         previous: tuple[str, ...],
-        effort: Callable[[], Effort],
+        effort: Ask,
     ) -> Proposal:
         """The candidates and their programs: of `effort`, asked for once what all candidates share is worked out."""
 
@@ -96,7 +96,7 @@ class DefaultProfile:
         limits: Limits,
         who: Bidders,
         previous: tuple[str, ...],
-        effort: Callable[[], Effort],
+        effort: Ask,
     ) -> Proposal:
         """The incumbent and up to K dispatch sequences, each with its horizon program."""
         if not len(who):
@@ -177,7 +177,7 @@ class PaperProfile:
         limits: Limits,
         who: Bidders,
         previous: tuple[str, ...],
-        effort: Callable[[], Effort],
+        effort: Ask,
     ) -> Proposal:
         """Up to K sequences over all vehicles that are not past the conflict zone, cleared ones first."""
         del previous, limits
@@ -231,7 +231,7 @@ class StopSign:
         limits: Limits,
         who: Bidders,
         previous: tuple[str, ...],
-        effort: Callable[[], Effort],
+        effort: Ask,
     ) -> Proposal:
         """One order: the queue at the lines, then who has not come to a stand yet, by zone entry."""
         del book, previous, effort

@@ -6,7 +6,7 @@ must be safe does not depend on the plan. What is checked is checked from the ca
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 from hostile_world import CLASSES, DT, TERM, Car, Weather, World
 
-from gameopt_im.core.budget import Effort
+from gameopt_im.core.budget import Ask
 from gameopt_im.core.decision import Winner
 from gameopt_im.core.interlock import Limits
 from gameopt_im.core.planning import Bidders
@@ -91,13 +91,7 @@ class Whims:
     rng: np.random.Generator
 
     def propose(
-        self,
-        snapshot: Snapshot,
-        book: Book,
-        limits: Limits,
-        who: Bidders,
-        previous: tuple[str, ...],
-        effort: Callable[[], Effort],
+        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...], effort: Ask
     ) -> Proposal:
         """Remembers whom there is to plan for."""
         return Proposal(who, (snapshot,), (), None)

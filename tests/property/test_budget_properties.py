@@ -204,10 +204,9 @@ def test_a_slow_processor_never_means_more(costs: Costs, load: Load, left_s: flo
     assert fitting(costs.times(slow), load, left_s, TOP) <= fitting(costs, load, left_s, TOP)
 
 
-@given(costs=costs_, load=loads, level=st.integers(UNSOLVED, TOP), before_s=st.floats(0.0, 0.03))
-def test_what_is_usual_fits_into_its_limit(costs: Costs, load: Load, level: int, before_s: float) -> None:
-    left_s = limit_s(costs, load, level, before_s, prompt_s=0.0) - before_s
-    assert fitting(costs, load, left_s, TOP) >= level
+@given(costs=costs_, load=loads, before_s=st.floats(0.0, 0.03))
+def test_what_is_usual_fits_into_its_limit(costs: Costs, load: Load, before_s: float) -> None:
+    assert fitting(costs, load, limit_s(costs, load, TOP, before_s, prompt_s=0.0) - before_s, TOP) == TOP
 
 
 def test_a_program_that_is_late_now_and_then_costs_nothing_else() -> None:

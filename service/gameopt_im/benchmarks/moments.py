@@ -8,12 +8,12 @@ whose times do not count, is watched for what its programs were made of.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, replace
 
 from gameopt_im.benchmarks.pairs import Timed, rotated
-from gameopt_im.core.budget import Effort
+from gameopt_im.core.budget import Ask
 from gameopt_im.core.decision import Winner
 from gameopt_im.core.interlock import Limits
 from gameopt_im.core.planning import Bidders
@@ -75,13 +75,7 @@ class _Watch:
         self._inner = inner
 
     def propose(
-        self,
-        snapshot: Snapshot,
-        book: Book,
-        limits: Limits,
-        who: Bidders,
-        previous: tuple[str, ...],
-        effort: Callable[[], Effort],
+        self, snapshot: Snapshot, book: Book, limits: Limits, who: Bidders, previous: tuple[str, ...], effort: Ask
     ) -> Proposal:
         """The other one's candidates."""
         kept = copy.deepcopy(book) if self.wanted else None  # grants change it before the control cycle is over

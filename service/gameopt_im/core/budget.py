@@ -20,7 +20,8 @@ share, what is left to do takes as many times longer than usual.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 from gameopt_wire.messages import STEP_S
 
@@ -74,6 +75,10 @@ class Effort(NamedTuple):
 
     candidates: int
     programs: bool = True
+
+
+Ask: TypeAlias = Callable[[], Effort]
+"""Asked for late, it answers by what time has gone until then."""
 
 
 class Costs(NamedTuple):
@@ -139,14 +144,14 @@ def slowness(usual_s: float, took_s: float) -> float:
     return max(1.0, took_s / usual_s) if usual_s else 1.0
 
 
-def limit_s(usual: Costs, load: Load, level: int, before_s: float, prompt_s: float) -> float:
-    """What a control cycle on a level may take, s: `PATIENCE` times what it usually does, and `prompt_s` in any case.
+def limit_s(usual: Costs, load: Load, top: int, before_s: float, prompt_s: float) -> float:
+    """What a control cycle may take, s: `PATIENCE` times what one that tries all usually does, `prompt_s` in any case.
 
     `before_s` is what its messages and snapshot usually take. Before anything is known there is no limit.
     """
     if not usual.sequence:
         return float("inf")
-    return max(prompt_s, PATIENCE * (before_s + need_s(usual, load, level)))
+    return max(prompt_s, PATIENCE * (before_s + need_s(usual, load, top)))
 
 
 def programs_limit_s(usual: Costs, load: Load, prompt_s: float) -> float:
